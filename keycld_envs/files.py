@@ -1,0 +1,82 @@
+"""Writing that a kill cannot damage: a path holds the old content, the whole new content, or nothing."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+
+@contextmanager
+def atomic_file(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[Any]]:
+    """Open a file for writing that appears under `path`, complete, when the block ends without an error.
+
+    An existing file is replaced in one step; parent folders are created. One writer at a time per path.
+
+    Args:
+        path: the file to write.
+        mode: "wb", or "w" for UTF-8 text.
+
+    Yields:
+        The open temporary file beside `path`.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = partial_path(path)
+    try:
+        with open(partial, mode, encoding=None if "b" in mode else "utf-8") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+    _sync(path.parent)
+
+
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Fill a folder that appears under `path`, complete, when the block ends without an error.
+
+    What a killed writer left behind is removed by the next one. One writer at a time per path.
+
+    Args:
+        path: the folder to create; it must not exist, or be empty.
+
+    Yields:
+        The temporary folder beside `path`.
+
+    Raises:
+        FileExistsError: if `path` exists and is not an empty folder.
+    """
+    path = Path(path)
+    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+        raise FileExistsError(f"{path} exists already.")
+    partial = partial_path(path)
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+        for entry in (*partial.rglob("*"), partial):
+            _sync(entry)
+        os.replace(partial, path)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+    _sync(path.parent)
+
+
+def partial_path(path: Path) -> Path:
+    """Where `path` is being written before it is complete: a hidden name in the same folder."""
+    return path.with_name(f".{path.name}.partial")
+
+
+def _sync(path: Path) -> None:
+    """Flush a file or folder entry to the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
