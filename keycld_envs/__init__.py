@@ -1,0 +1,29 @@
+"""Environments, systems and recordings of KeyCLD. NumPy and MuJoCo only; opens no OpenGL until a frame is rendered."""
+
+from keycld_envs.opengl import import_mujoco
+
+import_mujoco()
+
+from keycld_envs.env import KeyCLDEnv  # noqa: E402
+from keycld_envs.errors import InputError  # noqa: E402
+from keycld_envs.mechanism import Mechanism, Rod, Slider  # noqa: E402
+from keycld_envs.registration import register, register_all, resolve_env_id  # noqa: E402
+from keycld_envs.systems import SYSTEMS, Joint, Landmark, System, Tolerance, get_system  # noqa: E402
+
+register_all()
+
+__all__ = [
+    "SYSTEMS",
+    "InputError",
+    "Joint",
+    "KeyCLDEnv",
+    "Landmark",
+    "Mechanism",
+    "Rod",
+    "Slider",
+    "System",
+    "Tolerance",
+    "get_system",
+    "register",
+    "resolve_env_id",
+]

@@ -1,0 +1,102 @@
+"""Explicit edits of an MJCF document in memory; an edit that does not find what it expects raises."""
+
+import importlib.util
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+_COMMON = ("visual", "skybox", "materials")
+
+
+class EditError(RuntimeError):
+    """An edit does not fit the document, for instance after a change in dm_control."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Change attributes of the one element at `path`.
+
+    Attributes:
+        path: ElementTree path below the root, for instance "worldbody/geom[@name='floor']".
+        attributes: name -> (value expected now, value wanted); None stands for an absent attribute.
+    """
+
+    path: str
+    attributes: Mapping[str, tuple[str | None, str | None]]
+
+    def apply(self, root: ElementTree.Element) -> None:
+        """Edit `root` in place.
+
+        Raises:
+            EditError: if not exactly one element matches, or an attribute is not as expected.
+        """
+        element = _find_one(root, self.path)
+        for name, (expected, wanted) in self.attributes.items():
+            if element.get(name) != expected:
+                raise EditError(f"{self.path} has {name}={element.get(name)!r}, expected {expected!r}.")
+            if wanted is None:
+                del element.attrib[name]
+            else:
+                element.set(name, wanted)
+
+
+@dataclass(frozen=True)
+class Insert:
+    """Insert a new element below the one element at `path`.
+
+    Attributes:
+        path: ElementTree path of the parent.
+        tag: tag of the new element.
+        attributes: its attributes.
+        index: position among the parent's children; the default appends.
+    """
+
+    path: str
+    tag: str
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    index: int | None = None
+
+    def apply(self, root: ElementTree.Element) -> None:
+        """Edit `root` in place.
+
+        Raises:
+            EditError: if not exactly one parent matches, or it already has such an element of that name.
+        """
+        parent = _find_one(root, self.path)
+        name = self.attributes.get("name")
+        if name is not None and any(child.get("name") == name for child in parent.findall(self.tag)):
+            raise EditError(f"{self.path} already has a {self.tag} named {name!r}.")
+        parent.insert(len(parent) if self.index is None else self.index, ElementTree.Element(self.tag, self.attributes))
+
+
+def edit(xml: str, *edits: Change | Insert) -> str:
+    """Return the MJCF document `xml` with every edit applied in order.
+
+    Raises:
+        EditError: if an edit does not find what it expects.
+    """
+    root = ElementTree.fromstring(xml)
+    for each in edits:
+        each.apply(root)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def read_suite(domain: str) -> tuple[str, dict[str, bytes]]:
+    """The MJCF and assets of a dm_control suite domain, as `dm_control.suite.<domain>.get_model_and_assets()`.
+
+    Read from the installed files, because importing the suite opens an OpenGL display.
+    """
+    spec = importlib.util.find_spec("dm_control")
+    if spec is None or not spec.submodule_search_locations:
+        raise ModuleNotFoundError("dm_control is not installed; pip install dm-control.")
+    folder = Path(spec.submodule_search_locations[0]) / "suite"
+    assets = {f"./common/{name}.xml": (folder / "common" / f"{name}.xml").read_bytes() for name in _COMMON}
+    return (folder / f"{domain}.xml").read_text(encoding="utf-8"), assets
+
+
+def _find_one(root: ElementTree.Element, path: str) -> ElementTree.Element:
+    found = root.findall(path)
+    if len(found) != 1:
+        raise EditError(f"{len(found)} elements match {path!r}, expected one.")
+    return found[0]

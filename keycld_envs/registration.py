@@ -1,0 +1,56 @@
+"""Gymnasium ids, and how people shorten them."""
+
+import difflib
+
+import gymnasium as gym
+
+from keycld_envs.errors import InputError
+from keycld_envs.systems import SYSTEMS, System
+
+MAX_EPISODE_STEPS = 1000
+_ENTRY_POINT = "keycld_envs.env:KeyCLDEnv"
+_SHORT_NAMES: dict[str, str] = {}
+
+
+def register_all() -> None:
+    """Register every system: `KeyCLD/Acrobot-v0`, its alias `...FullyActuated-v0`, `KeyCLD/AcrobotStock-v0`."""
+    for name in SYSTEMS:
+        base, _, variant = name.partition("-")
+        suffixes = ("Stock",) if variant else ("", "FullyActuated")
+        for suffix in suffixes:
+            env_id = f"KeyCLD/{base.capitalize()}{suffix}-v0"
+            gym.register(env_id, entry_point=_ENTRY_POINT, max_episode_steps=MAX_EPISODE_STEPS, kwargs={"system": name})
+            _SHORT_NAMES.setdefault(name, env_id)
+
+
+def register(system: System, env_id: str, max_episode_steps: int = MAX_EPISODE_STEPS) -> None:
+    """Register your own system, so that `gymnasium.make(env_id)` builds it.
+
+    Args:
+        system: the declaration; see `keycld_envs.System`.
+        env_id: for instance "MyLab/Robot-v0".
+        max_episode_steps: steps after which an episode is truncated.
+    """
+    gym.register(env_id, entry_point=_ENTRY_POINT, max_episode_steps=max_episode_steps, kwargs={"system": system})
+    _SHORT_NAMES[system.name] = env_id
+
+
+def resolve_env_id(name: str) -> str:
+    """The environment id that `name` means: an id, or a short name such as "acrobot" or "acrobot-stock".
+
+    Raises:
+        InputError: if there is none; the message suggests similar names.
+    """
+    bare = name.removeprefix("keycld_envs:")
+    if bare in gym.registry:
+        return bare
+    short = bare.lower().replace("_", "-")
+    if short in _SHORT_NAMES:
+        return _SHORT_NAMES[short]
+    known = {key.lower(): key for key in (*_SHORT_NAMES, *_known_ids())}
+    similar = [known[key] for key in difflib.get_close_matches(bare.lower(), known, n=3)] or sorted(_SHORT_NAMES)
+    raise InputError(f"There is no environment {name!r}; did you mean {', '.join(similar)}?")
+
+
+def _known_ids() -> list[str]:
+    return [key for key, spec in gym.registry.items() if spec.entry_point == _ENTRY_POINT]

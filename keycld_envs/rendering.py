@@ -1,0 +1,105 @@
+"""Pixels of a MuJoCo scene, with a choice between exactness and speed."""
+
+import atexit
+import copy
+import weakref
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.errors import InputError
+from keycld_envs.opengl import create_context
+
+Quality = Literal["fast", "full"]
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """What software rendering spends its time on.
+
+    Attributes:
+        shadow_size: side of the shadow map in texels; None keeps the model's.
+        samples: multisampling; None keeps the model's.
+    """
+
+    shadow_size: int | None = None
+    samples: int | None = None
+
+
+QUALITIES: dict[str, RenderSettings] = {
+    "full": RenderSettings(),
+    "fast": RenderSettings(shadow_size=256, samples=0),
+}
+
+_open_renderers: "weakref.WeakSet[Renderer]" = weakref.WeakSet()
+
+
+def _close_all() -> None:
+    for renderer in list(_open_renderers):
+        renderer.close()
+
+
+class Renderer:
+    """Renders one model at one size; opens OpenGL when constructed, frees it in `close`.
+
+    Args:
+        model: the compiled model.
+        width: W, pixels.
+        height: H, pixels.
+        quality: "full" renders as dm_control does; "fast" uses a small shadow map and no multisampling.
+
+    Raises:
+        InputError: if no OpenGL context can be opened, or the quality is unknown.
+    """
+
+    def __init__(self, model: mujoco.MjModel, width: int, height: int, quality: Quality = "fast") -> None:
+        if quality not in QUALITIES:
+            raise InputError(f"render_quality must be one of {sorted(QUALITIES)}, got {quality!r}.")
+        settings = QUALITIES[quality]
+        buffers = copy.copy(model)
+        buffers.vis.global_.offwidth, buffers.vis.global_.offheight = width, height
+        if settings.shadow_size is not None:
+            buffers.vis.quality.shadowsize = settings.shadow_size
+        if settings.samples is not None:
+            buffers.vis.quality.offsamples = settings.samples
+        self._gl = create_context(width, height)
+        self._context = mujoco.MjrContext(buffers, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        if not _open_renderers:
+            atexit.unregister(_close_all)
+            atexit.register(_close_all)  # after the context, so that it runs before the backend shuts down
+        _open_renderers.add(self)
+        self._model = model
+        self._scene = mujoco.MjvScene(model, maxgeom=1000)
+        self._option = mujoco.MjvOption()
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED.value
+        self._rect = mujoco.MjrRect(0, 0, width, height)
+        self._pixels = np.empty((height, width, 3), np.uint8)
+
+    def render(self, data: mujoco.MjData, camera: str) -> NDArray[np.uint8]:
+        """Render the state `data`, whose kinematics must be up to date.
+
+        Returns:
+            [H, W, 3] RGB, a new array; row 0 is the top.
+        """
+        self._gl.make_current()
+        self._camera.fixedcamid = self._model.camera(camera).id
+        mujoco.mjv_updateScene(
+            self._model, data, self._option, None, self._camera, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
+        )
+        mujoco.mjr_render(self._rect, self._scene, self._context)
+        mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
+        return self._pixels[::-1].copy()
+
+    def close(self) -> None:
+        """Free the OpenGL resources; may be called twice."""
+        if self._gl is not None:
+            self._gl.make_current()
+            self._context.free()
+            self._gl.free()
+            self._gl = None
+            _open_renderers.discard(self)

@@ -1,0 +1,192 @@
+"""`System`: everything the library needs to know about a mechanism, declared once as data."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.errors import InputError
+from keycld_envs.mechanism import Mechanism
+from keycld_envs.projection import world_to_image
+
+Start = Literal["random", "hanging"]
+Reward = Callable[[mujoco.MjModel, mujoco.MjData], float]
+
+_KINDS = {"hinge": mujoco.mjtJoint.mjJNT_HINGE, "slide": mujoco.mjtJoint.mjJNT_SLIDE}
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint of the mechanism, in MJCF order.
+
+    Attributes:
+        name: name in the MJCF.
+        kind: "hinge" (rad) or "slide" (m).
+        start_range: range of the uniform distribution of random starts, rad or m.
+    """
+
+    name: str
+    kind: Literal["hinge", "slide"]
+    start_range: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Landmark:
+    """A landmark fixed to a body, where a learned keypoint is expected.
+
+    Attributes:
+        body: name of the body in the MJCF.
+        position: position in the body's frame, metres.
+        mass_position: where the exactly equivalent point mass of this body sits in the body's frame, metres, if
+            such a point exists and is known. It differs from the landmark when the link is no point mass.
+    """
+
+    body: str
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mass_position: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """When a state counts as being at the target (all at once).
+
+    Attributes:
+        angle: greatest angle between any link and its target orientation, rad.
+        position: greatest distance of any slide joint from its target, m.
+        velocity: bound on every joint speed, rad/s or m/s.
+        duration: how long the state must have stayed there, s.
+    """
+
+    angle: float = 0.2
+    position: float = 0.1
+    velocity: float = 0.5
+    duration: float = 1.0
+
+
+@dataclass(frozen=True)
+class System:
+    """A planar mechanism with its simulation model, camera, and target.
+
+    Attributes:
+        name: short name, for instance "acrobot".
+        mjcf: the MJCF document as text, or the path of an MJCF file.
+        joints: all joints, in MJCF order.
+        actuators: names of all actuators, in MJCF order.
+        mechanism: keypoints, rods and sliders as the world model sees them.
+        landmarks: the true keypoints, one per keypoint of the mechanism.
+        camera: name of the default camera, which should look along the normal of the plane of motion.
+        timestep: control step, s; a whole multiple of the MJCF's own timestep.
+        target_qpos: [nq] target configuration, rad or m.
+        hanging_qpos: [nq] stable equilibrium, rad or m.
+        reward: reward of a state whose derived quantities are up to date; None gives 1 at the target (within
+            `tolerance`, whatever the time spent there), 0 elsewhere.
+        assets: file name -> content, of files that `mjcf` includes.
+        action_limit: default symmetric control limit; None keeps the MJCF's control ranges.
+        start: default start.
+        tolerance: success criterion.
+    """
+
+    name: str
+    mjcf: str | Path
+    joints: tuple[Joint, ...]
+    actuators: tuple[str, ...]
+    mechanism: Mechanism
+    landmarks: tuple[Landmark, ...]
+    camera: str
+    timestep: float
+    target_qpos: tuple[float, ...]
+    hanging_qpos: tuple[float, ...]
+    reward: Reward | None = None
+    assets: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+    action_limit: float | None = None
+    start: Start = "random"
+    tolerance: Tolerance = Tolerance()
+
+    def compile(self) -> mujoco.MjModel:
+        """Compile the MJCF and check that the declaration fits it.
+
+        Raises:
+            InputError: if the MJCF does not compile or a declared name, number or time step disagrees with it.
+        """
+        try:
+            if isinstance(self.mjcf, Path):
+                model = mujoco.MjModel.from_xml_path(str(self.mjcf), dict(self.assets))
+            else:
+                model = mujoco.MjModel.from_xml_string(self.mjcf, dict(self.assets))
+        except ValueError as error:
+            raise InputError(f"The MJCF of system {self.name!r} does not compile: {error}.") from error
+        self._check(model)
+        model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+        return model
+
+    def keypoint_positions(self, model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
+        """[K, 3] world positions of the true keypoints, m. Kinematics must be up to date."""
+        bodies = [model.body(landmark.body).id for landmark in self.landmarks]
+        local = np.array([landmark.position for landmark in self.landmarks])
+        return data.xpos[bodies] + np.einsum("kij,kj->ki", data.xmat[bodies].reshape(-1, 3, 3), local)
+
+    def keypoints(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        width: int = 64,
+        height: int = 64,
+        camera: str | None = None,
+    ) -> NDArray[np.float64]:
+        """[K, 2] true keypoints in image units (pixel centres span -1 to 1, y up). Kinematics must be up to date."""
+        positions = self.keypoint_positions(model, data)
+        return world_to_image(model, data, positions, camera or self.camera, width, height)
+
+    def sample_start(
+        self, start: Start, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw the initial qpos [nq] and qvel [nv] of an episode.
+
+        "random" is uniform over the joints' start ranges, at rest. "hanging" is the stable equilibrium with normal
+        noise of standard deviation 0.01 on every position and velocity, as in dm_control's cartpole swing-up.
+        """
+        size = len(self.joints)
+        if start == "random":
+            low, high = np.transpose([joint.start_range for joint in self.joints])
+            return rng.uniform(low, high), np.zeros(size)
+        noise = 0.01 * rng.standard_normal((2, size))
+        return np.asarray(self.hanging_qpos) + noise[0], noise[1]
+
+    def _check(self, model: mujoco.MjModel) -> None:
+        joints = [(model.joint(j).name, model.jnt_type[j]) for j in range(model.njnt)]
+        declared = [(joint.name, _KINDS[joint.kind]) for joint in self.joints]
+        if joints != declared:
+            raise InputError(
+                f"System {self.name!r} declares the joints {[(j.name, j.kind) for j in self.joints]}, but its MJCF has "
+                f"{[(name, mujoco.mjtJoint(kind).name) for name, kind in joints]}."
+            )
+        actuators = tuple(model.actuator(i).name for i in range(model.nu))
+        if actuators != self.actuators or len(actuators) != self.mechanism.num_actions:
+            raise InputError(
+                f"System {self.name!r} declares the actuators {self.actuators} and {self.mechanism.num_actions} "
+                f"actions, but its MJCF has the actuators {actuators}."
+            )
+        if len(self.landmarks) != self.mechanism.num_keypoints:
+            raise InputError(
+                f"System {self.name!r} declares {len(self.landmarks)} keypoints, but its mechanism has "
+                f"{self.mechanism.num_keypoints}."
+            )
+        if not len(self.target_qpos) == len(self.hanging_qpos) == len(self.joints):
+            raise InputError(
+                f"System {self.name!r} must declare target_qpos and hanging_qpos of length {len(self.joints)}, one "
+                "number per joint."
+            )
+        known = {model.body(b).name for b in range(model.nbody)}
+        missing = [landmark.body for landmark in self.landmarks if landmark.body not in known]
+        if missing:
+            raise InputError(f"The MJCF of system {self.name!r} has no body named {missing[0]!r}; it has {sorted(known)}.")
+        substeps = self.timestep / model.opt.timestep
+        if round(substeps) < 1 or abs(substeps - round(substeps)) > 1e-6:
+            raise InputError(
+                f"The time step of system {self.name!r} ({self.timestep} s) is no whole multiple of its MJCF's "
+                f"({model.opt.timestep} s)."
+            )
