@@ -1,0 +1,19 @@
+"""Lagrangian mechanics of point masses under holonomic constraints. Knows no network.
+
+Every function is unbatched (`jax.vmap` adds batches). Positions are flat `[n]` vectors, n = 2K, in image units.
+"""
+
+from keycld_model.physics.constraints import constraint, constraint_curvature, constraint_jacobian
+from keycld_model.physics.lagrangian import acceleration, kinetic_energy, mass_matrix
+from keycld_model.physics.projection import project_position, project_velocity
+
+__all__ = [
+    "acceleration",
+    "constraint",
+    "constraint_curvature",
+    "constraint_jacobian",
+    "kinetic_energy",
+    "mass_matrix",
+    "project_position",
+    "project_velocity",
+]
