@@ -1,0 +1,1 @@
+"""Agents, closed loops and the command line of KeyCLD."""

@@ -1,0 +1,76 @@
+"""The `keycld` command.
+
+A command is one module of this package, named like the command, with a frozen dataclass `Args`, which becomes its
+command line, and a function `run(args)`. Its module docstring is its line in `keycld --help`. Only the module of the
+command in use is imported.
+
+Exit codes: 0, 2 for input that cannot be used (one sentence on stderr), 130 after Ctrl-C.
+"""
+
+import ast
+import difflib
+import importlib
+import pkgutil
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from importlib.util import find_spec
+
+import tyro
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        arguments: the words after `keycld`; None reads them from the shell.
+
+    Returns:
+        The exit code.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    name = words[0] if words else "--help"
+    if name in ("-h", "--help"):
+        print(_overview())
+        return 0
+    if name == "--version":
+        print(f"keycld {version('keycld')}")
+        return 0
+    if name not in command_names():
+        similar = difflib.get_close_matches(name, command_names(), n=1)
+        hint = f"did you mean {similar[0]!r}" if similar else f"there are {', '.join(command_names())}"
+        print(f"keycld: There is no command {name!r}; {hint}?", file=sys.stderr)
+        return 2
+    command = importlib.import_module(f"{__name__}.{name}")
+    args = tyro.cli(command.Args, prog=f"keycld {name}", args=words[1:], config=(tyro.conf.FlagCreatePairsOff,))
+    try:
+        command.run(args)
+    except _input_errors() as error:
+        print(f"keycld: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("keycld: interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+def command_names() -> list[str]:
+    """All commands: the public modules of this package."""
+    return sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
+
+
+def _input_errors() -> tuple[type[Exception], ...]:
+    """`InputError`, if a command got so far as to import it; `doctor` works where keycld_envs does not."""
+    errors = sys.modules.get("keycld_envs.errors")
+    return (errors.InputError,) if errors else ()
+
+
+def _overview() -> str:
+    lines = ["usage: keycld COMMAND [OPTIONS]", ""]
+    for name in command_names():
+        spec = find_spec(f"{__name__}.{name}")
+        assert spec is not None and spec.origin is not None
+        with open(spec.origin, encoding="utf-8") as file:
+            doc = ast.get_docstring(ast.parse(file.read())) or ""
+        lines.append(f"  {name:<10} {doc.splitlines()[0]}")
+    return "\n".join([*lines, "", "keycld COMMAND --help explains the options of a command."])

@@ -1,0 +1,272 @@
+"""Data sets from simulation: many short runs of one environment, drawn in parallel, resumable after a kill."""
+
+import functools
+import json
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+
+from keycld_envs.env import KeyCLDEnv
+from keycld_envs.errors import InputError
+from keycld_envs.files import atomic_file
+from keycld_envs.policies import get_policy
+from keycld_envs.progress import progress
+from keycld_envs.recordings import Recording, write_recording
+from keycld_envs.rendering import Quality
+
+PAPER_ACTION_RANGE = 3.0
+SETTINGS_FILE = "collect.json"
+
+
+@dataclass(frozen=True)
+class CollectSettings:
+    """What determines every pixel of a collected data set, except its number of episodes.
+
+    Attributes:
+        env_id: environment id, for instance "KeyCLD/Acrobot-v0".
+        steps: frames per episode; frame 0 shows the initial state, and steps - 1 actions are applied.
+        policy: name of the excitation, see `keycld_envs.policies`.
+        action_range: actions are drawn within ± this bound (control units); None means ±3, the paper's range, or
+            the environment's own limits where they are tighter.
+        velocity: initial joint velocities are uniform within ± this bound (rad/s, m/s).
+        width: frame width, pixels.
+        height: frame height, pixels.
+        camera: camera name, None for the system's own.
+        render_quality: "fast" or "full".
+        seed: seed of the data set; episode i depends on it and on i only.
+    """
+
+    env_id: str
+    steps: int = 50
+    policy: str = "constant"
+    action_range: float | None = None
+    velocity: float = 0.0
+    width: int = 64
+    height: int = 64
+    camera: str | None = None
+    render_quality: Quality = "fast"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        get_policy(self.policy)
+        for name, least in (("steps", 2), ("width", 2), ("height", 2), ("seed", 0), ("velocity", 0)):
+            if not getattr(self, name) >= least:
+                raise InputError(f"{name} is {getattr(self, name)}; it must be at least {least}.")
+        if self.action_range is not None and not 0 < self.action_range < np.inf:
+            raise InputError(f"action_range is {self.action_range}; it must be positive.")
+
+
+@dataclass(frozen=True)
+class CollectSummary:
+    """What a call of `collect` did.
+
+    Attributes:
+        system: environment id.
+        out: the data set's folder.
+        episodes: recordings in the folder now.
+        recorded: recordings made by this call.
+        kept: recordings found complete from an earlier call.
+        frames_per_second: frames recorded per second of this call, 0 if there was nothing left to do.
+    """
+
+    system: str
+    out: str
+    episodes: int
+    recorded: int
+    kept: int
+    frames_per_second: float
+
+
+def collect(out: str | os.PathLike[str], settings: CollectSettings, episodes: int, workers: int = 1) -> CollectSummary:
+    """Record `episodes` runs into the folder `out`, keeping those an earlier, interrupted call completed.
+
+    The result does not depend on `workers`, nor on how often the work was interrupted.
+
+    Args:
+        out: the data set's folder; created if absent.
+        settings: what to record.
+        episodes: number of recordings the folder shall hold.
+        workers: number of processes (spawned, one renderer each).
+
+    Raises:
+        InputError: if the folder was collected with other settings, holds more recordings or something else,
+            an argument is out of range, or no OpenGL is available.
+    """
+    out = Path(out)
+    if episodes < 1 or workers < 1:
+        raise InputError(f"episodes is {episodes} and workers is {workers}; both must be at least 1.")
+    _prepare_folder(out, settings)
+    complete = {p.name for p in out.iterdir() if p.is_dir() and not p.name.startswith(".")}
+    wanted = {episode_id(i): i for i in range(episodes)}
+    if extra := complete - wanted.keys():
+        raise InputError(
+            f"{out} holds {min(extra)} beyond the {episodes} episodes asked for; "
+            f"ask for at least {len(complete)} episodes or choose another folder."
+        )
+    missing = [i for name, i in wanted.items() if name not in complete]
+    start = time.perf_counter()
+    with progress("Collecting", total=episodes) as advance:
+        advance(len(complete))
+        for _ in _record_all(out, settings, missing, min(workers, len(missing))):
+            advance()
+    seconds = time.perf_counter() - start
+    rate = len(missing) * settings.steps / seconds if missing else 0.0
+    return CollectSummary(settings.env_id, str(out), episodes, len(missing), len(complete), round(rate, 1))
+
+
+def episode_id(index: int) -> str:
+    """Folder name and id of episode `index`."""
+    return f"episode-{index:05d}"
+
+
+def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int) -> Recording:
+    """Run and film one episode; the same arguments give the same recording.
+
+    Args:
+        env: an environment made by `make_env` from the same settings.
+        settings: what to record.
+        index: number of the episode, from 0.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index,)))
+    qpos, _ = env.system.sample_start("random", rng)
+    qvel = rng.uniform(-settings.velocity, settings.velocity, env.model.nv)
+    low, high = env.action_space.low.astype(float), env.action_space.high.astype(float)  # pyright: ignore
+    if settings.action_range is None:
+        low, high = np.maximum(low, -PAPER_ACTION_RANGE), np.minimum(high, PAPER_ACTION_RANGE)
+    actions = get_policy(settings.policy)(rng, settings.steps - 1, low, high).astype(np.float32)
+    frame, info = env.reset(seed=0, options={"qpos": qpos, "qvel": qvel})
+    frames, qpos_log, qvel_log = [frame], [info["qpos"]], [info["qvel"]]
+    for action in actions:
+        frame, _, _, _, info = env.step(action)
+        frames.append(frame)
+        qpos_log.append(info["qpos"])
+        qvel_log.append(info["qvel"])
+    clock = np.arange(settings.steps) * env.system.timestep
+    hinges = [joint.kind == "hinge" for joint in env.system.joints]
+    return Recording(
+        id=episode_id(index),
+        system=settings.env_id,
+        source="simulation",
+        joint_names=tuple(joint.name for joint in env.system.joints),
+        actuator_names=env.system.actuators,
+        units={
+            "action": "control unit of the actuator",
+            "qpos": tuple("rad" if hinge else "m" for hinge in hinges),
+            "qvel": tuple("rad/s" if hinge else "m/s" for hinge in hinges),
+        },
+        camera=_describe_camera(env),
+        render_quality=settings.render_quality,
+        seed=settings.seed,
+        licence="CC0-1.0",
+        origin=f"keycld {version('keycld')} collect, mujoco {mujoco.__version__}",
+        notes=f"policy {settings.policy}, episode {index}",
+        t_action=clock[:-1],
+        action=actions.astype(np.float64),
+        t_state=clock,
+        qpos=np.stack(qpos_log),
+        qvel=np.stack(qvel_log),
+        t_frame=clock,
+        frames=np.stack(frames),
+    )
+
+
+def make_env(settings: CollectSettings) -> KeyCLDEnv:
+    """The bare environment that `settings` describe; close it after use."""
+    env = gym.make(
+        settings.env_id,
+        disable_env_checker=True,
+        width=settings.width,
+        height=settings.height,
+        camera=settings.camera,
+        render_quality=settings.render_quality,
+        action_limit=settings.action_range,
+    ).unwrapped
+    if not isinstance(env, KeyCLDEnv):
+        raise InputError(f"{settings.env_id} is no KeyCLD environment; declare it as a keycld_envs.System.")
+    return env
+
+
+def _describe_camera(env: KeyCLDEnv) -> dict[str, Any]:
+    camera = env.model.camera(env.camera).id
+    return {
+        "name": env.camera,
+        "width": env.width,
+        "height": env.height,
+        "position": env.data.cam_xpos[camera].tolist(),
+        "rotation": env.data.cam_xmat[camera].reshape(3, 3).tolist(),
+        "fovy": float(env.model.cam_fovy[camera]),
+    }
+
+
+def _prepare_folder(out: Path, settings: CollectSettings) -> None:
+    """Create the folder with its settings, or check that its recordings were made with the same ones."""
+    path = out / SETTINGS_FILE
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file; name a folder.")
+    if not out.exists() or all(p.name == SETTINGS_FILE or p.name.startswith(".") for p in out.iterdir()):
+        with atomic_file(path, "w") as file:
+            json.dump(asdict(settings), file, indent=1)
+        return
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{out} exists and was not made by `keycld collect`; choose another folder.") from error
+    for name, value in asdict(settings).items():
+        if name not in found or found[name] != value:
+            raise InputError(
+                f"{out} was collected with {name}={found.get(name)!r}, not {value!r}; "
+                "repeat the same settings to resume, or choose another folder."
+            )
+
+
+def _record_all(out: Path, settings: CollectSettings, indices: list[int], workers: int) -> Iterator[None]:
+    """Record the episodes, yielding after each."""
+    if workers <= 1:
+        with closing(make_env(settings)) as env:
+            for index in indices:
+                write_recording(out / episode_id(index), record_episode(env, settings, index))
+                yield
+        return
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker)
+    try:
+        for future in as_completed([pool.submit(_work, out, settings, index) for index in indices]):
+            future.result()
+            yield
+    except BrokenProcessPool as error:
+        raise InputError("A worker process died, perhaps for want of memory; run again with fewer workers.") from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+_worker_env = functools.cache(make_env)
+
+
+def _work(out: Path, settings: CollectSettings, index: int) -> None:
+    write_recording(out / episode_id(index), record_episode(_worker_env(settings), settings, index))
+
+
+def _start_worker() -> None:
+    """Leave Ctrl-C to the parent, and end when the parent is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def follow_parent() -> None:
+        parent = multiprocessing.parent_process()
+        assert parent is not None
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=follow_parent, daemon=True).start()
