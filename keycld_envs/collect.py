@@ -155,7 +155,7 @@ def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int) -> Rec
         frames.append(frame)
         qpos_log.append(info["qpos"])
         qvel_log.append(info["qvel"])
-    clock = np.arange(settings.steps) * env.system.timestep
+    clock = env.system.timestep * np.arange(settings.steps, dtype=np.float64)
     hinges = [joint.kind == "hinge" for joint in env.system.joints]
     return Recording(
         id=episode_id(index),

@@ -32,7 +32,7 @@ def piecewise(
     while sum(map(len, segments)) < steps:
         zero = rng.random() < ZERO_FRACTION
         action = rng.uniform(low, high)
-        segments.append(np.tile(np.zeros_like(action) if zero else action, (rng.integers(2, 16), 1)))
+        segments.append(np.tile(np.zeros_like(action) if zero else action, (int(rng.integers(2, 16)), 1)))
     return np.concatenate(segments)[:steps]
 
 

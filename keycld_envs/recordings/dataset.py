@@ -59,10 +59,10 @@ class Dataset:
             for key in SIGNALS:
                 if (array := getattr(recording, key)) is not None:
                     digest.update(f"{key}{array.shape}".encode())
-                    digest.update(np.ascontiguousarray(array))
+                    digest.update(array.tobytes())
             for frame in recording.iter_frames():
                 digest.update(f"{frame.shape}".encode())
-                digest.update(np.ascontiguousarray(frame))
+                digest.update(frame.tobytes())
         return digest.hexdigest()
 
     @property

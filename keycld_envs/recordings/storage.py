@@ -109,7 +109,7 @@ def _read_meta(path: Path) -> dict[str, Any]:
     return meta
 
 
-def _read_npz(path: Path, keys: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+def _read_npz(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
     """Read arrays without pickle; zip checksums find damaged bytes."""
     try:
         with np.load(path, allow_pickle=False) as file:

@@ -95,11 +95,11 @@ def _signal_on_clock(recording: Recording, clock: str, key: str, names: str) -> 
             "name each column once."
         )
     unit = recording.units.get(key)
-    each = isinstance(unit, tuple) and all(isinstance(u, str) for u in unit)
-    if not isinstance(unit, str) and not each:
+    if isinstance(unit, tuple) and all(isinstance(u, str) for u in unit):
+        if len(unit) != columns:
+            yield f"{key} has {columns} columns, but units.{key} in meta.json has {len(unit)}; state one for each."
+    elif not isinstance(unit, str):
         yield f"{key} has no unit; state units.{key} in meta.json, one for all columns or one each."
-    elif each and len(unit) != columns:
-        yield f"{key} has {columns} columns, but units.{key} in meta.json has {len(unit)}; state one for each."
 
 
 def _bad_value(key: str, array: np.ndarray) -> str | None:

@@ -23,9 +23,9 @@ def write_video(path: Path, frames: NDArray[np.uint8], fps: float) -> None:
         (frames.shape[2], frames.shape[1]),
         pix_fmt_in="rgb24",
         pix_fmt_out="bgr0",
-        fps=fps,
+        fps=max(1, round(fps)),
         codec="ffv1",
-        quality=None,
+        quality=None,  # pyright: ignore[reportArgumentType]
         macro_block_size=1,
         output_params=["-level", "3", "-slicecrc", "1"],
     )
