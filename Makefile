@@ -1,0 +1,67 @@
+# make demo     swing up all three systems from pixels; table and clips
+# make test     all tests
+# make lint     ruff;  make types: pyright;  make layers: import layers;  make docs: strict documentation
+# make weights  collect data and train the shipped weights anew
+# make bench    print every measured figure
+
+PYTHON ?= python3
+BIN := .venv/bin
+SYSTEMS := pendulum cartpole acrobot
+SEED := 0
+
+.PHONY: demo test lint types layers docs weights bench opengl clean
+.DELETE_ON_ERROR:
+
+demo: .venv/.keycld opengl
+	$(BIN)/keycld demo
+
+test: .venv/.keycld-dev opengl
+	$(BIN)/python -m pytest
+
+lint: .venv/.keycld-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: .venv/.keycld-dev
+	$(BIN)/pyright
+
+layers: .venv/.keycld-dev
+	$(BIN)/lint-imports
+
+docs: .venv/.keycld-docs
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+weights: .venv/.keycld opengl
+	for system in $(SYSTEMS); do \
+	  $(BIN)/keycld collect $$system --out data/$$system --workers 2 --seed $(SEED) && \
+	  $(BIN)/keycld train $$system --data data/$$system --out runs/$$system --seed $(SEED) || exit 1; \
+	done
+
+bench: .venv/.keycld opengl
+	$(BIN)/keycld bench
+
+# What is missing to render frames, in one sentence.
+opengl: .venv/.keycld
+	@$(BIN)/python -c 'import sys; from keycld_control.cli.doctor import examine; sys.exit("\n".join(examine()["advice"]) or None)'
+
+.venv/bin/python:
+	@command -v $(PYTHON) >/dev/null || { echo "There is no $(PYTHON); install Python 3.11 or newer (Debian: apt-get install python3 python3-venv), or name it: make PYTHON=python3.12"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "KeyCLD needs Python 3.11 or newer, but $(PYTHON) is `$(PYTHON) --version`; name a newer one: make PYTHON=python3.12"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "$(PYTHON) cannot make virtual environments; install the package for it (Debian: apt-get install python3-venv)"; exit 1; }
+	$(PYTHON) -m venv .venv
+
+.venv/.keycld: pyproject.toml | .venv/bin/python
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+.venv/.keycld-dev: .venv/.keycld
+	$(BIN)/python -m pip install --quiet --editable '.[dev,docs]'
+	@touch $@
+
+.venv/.keycld-docs: .venv/.keycld
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	@touch $@
+
+clean:
+	rm -rf .venv docs/_build dist build
