@@ -7,7 +7,7 @@ import_mujoco()
 from keycld_envs.env import KeyCLDEnv  # noqa: E402
 from keycld_envs.errors import InputError  # noqa: E402
 from keycld_envs.mechanism import Mechanism, Rod, Slider  # noqa: E402
-from keycld_envs.registration import register, register_all, resolve_env_id  # noqa: E402
+from keycld_envs.registration import make, register, register_all, resolve_env_id  # noqa: E402
 from keycld_envs.systems import SYSTEMS, Joint, Landmark, System, Tolerance, get_system  # noqa: E402
 
 register_all()
@@ -24,6 +24,7 @@ __all__ = [
     "System",
     "Tolerance",
     "get_system",
+    "make",
     "register",
     "resolve_env_id",
 ]

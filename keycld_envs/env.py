@@ -1,7 +1,7 @@
 """The Gymnasium environment of every system."""
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, ClassVar, get_args
 
 import gymnasium as gym
 import mujoco
@@ -10,17 +10,86 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
+from keycld_envs.checks import ObsType, check_action_limit, check_camera, check_choice, check_size, finite_vector
 from keycld_envs.errors import InputError
 from keycld_envs.rendering import Quality, Renderer
+from keycld_envs.success import SuccessMonitor
 from keycld_envs.systems import Start, System, get_system
 
-ObsType = Literal["pixels", "state", "pixels_state"]
 
+class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
+    """Swing-up of a planar mechanism, seen through a fixed camera.
 
-class KeyCLDEnv(gym.Env[Any, NDArray[np.float32]], EzPickle):
-    """A planar mechanism from dm_control's suite, or the user's own, seen through a camera."""
+    ## Description
+    Pendulum, cartpole, and acrobot of dm_control's suite, in two variants, or a mechanism of your own.
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
+    - `KeyCLD/Pendulum-v0`, `KeyCLD/Cartpole-v0`, `KeyCLD/Acrobot-v0` are the systems of the KeyCLD paper: a motor on
+      every joint, no friction, thicker links, a camera at right angles to the plane of motion. The same go by
+      `KeyCLD/PendulumFullyActuated-v0` and so on.
+    - `KeyCLD/PendulumStock-v0`, `KeyCLD/CartpoleStock-v0`, `KeyCLD/AcrobotStock-v0` keep dm_control's motors, limits,
+      damping, and geometry, and step bit for bit like dm_control.
+    - Your own: declare a `keycld_envs.System` and pass it as `system`, or give it an id with `keycld_envs.register`.
+
+    ## Action Space
+    `Box(low, high, (m,), float32)`: the control of each motor, clipped to the box; torque or force is control times
+    gear. Actions are held for one control step.
+
+    | environment | motors | gear | default range | control step |
+    |---|---|---|---|---|
+    | Pendulum | torque | 2 | -3 to 3 | 0.02 s |
+    | Cartpole | slide, hinge_1 | 4, 1 | -3 to 3 | 0.01 s |
+    | Acrobot | shoulder, elbow | 2, 2 | -15 to 15 | 0.01 s |
+    | PendulumStock | torque | 1 | -1 to 1 | 0.02 s |
+    | CartpoleStock | slide | 10 | -1 to 1 | 0.01 s |
+    | AcrobotStock | elbow | 2 | -1 to 1 | 0.01 s |
+
+    The paper gives the acrobot a range of 3, too weak to lift its links directly: `action_limit=3`.
+
+    ## Observation Space
+    - `obs_type="pixels"`: `Box(0, 255, (height, width, 3), uint8)`, RGB, row 0 at the top.
+    - `obs_type="state"`: `Box(-inf, inf, (nq + nv,), float64)`, joint positions (rad, m; hinges unwrapped, 0 is
+      upright) and joint velocities (rad/s, m/s).
+    - `obs_type="pixels_state"`: a `Dict` of both, keys "pixels" and "state".
+
+    ## Rewards
+    dm_control's swing-up reward of the same system, between 0 and 1 per step, so that returns compare: `pendulum
+    swingup`, `cartpole swingup`, `acrobot swingup`. `info["is_success"]` tells whether for the last 1.0 s every link
+    was within 0.2 rad of the target (cart within 0.1 m) and every joint slower than 0.5 rad/s (m/s).
+
+    ## Starting State
+    - `start="random"`: angles uniform over the circle, cart uniform in -1 m to 1 m, at rest.
+    - `start="hanging"`: hanging down, normal noise of 0.01 on all positions and velocities.
+
+    The default is "random", but "hanging" for CartpoleStock, as in dm_control.
+    `reset(options={"qpos": [...], "qvel": [...]})` sets the state exactly; without "qvel" the start is at rest.
+
+    ## Episode End
+    Never terminated. Truncated after 1000 steps (`gymnasium.make(..., max_episode_steps=...)`).
+
+    ## Arguments
+    - `system`: a `System`, or the short name of one ("acrobot", "acrobot-stock"); given by the id.
+    - `obs_type`: "pixels" (default), "state", or "pixels_state".
+    - `width`, `height`: size of images in pixels, default 64 x 64.
+    - `camera`: name of a camera of the model. The default looks at right angles to the plane of motion; in the Stock
+      variants, dm_control's own are "fixed" and "lookat" ("lookatcart").
+    - `render_quality`: "fast" (default) or "full", which is bit for bit dm_control's image.
+    - `action_limit`: symmetric range of every motor; default as in the table.
+    - `start`: "random" or "hanging".
+    - `render_mode`: "rgb_array" or None.
+
+    `info` holds "qpos" [nq], "qvel" [nv], "energy" (kinetic and potential, J), and "is_success". `model` and `data` are
+    the live `MjModel` and `MjData`. OpenGL is opened when the first image is rendered; `close` frees it. Start worker
+    processes with "spawn" or "forkserver": OpenGL does not survive a fork.
+
+    ## Version History
+    - v0: first version.
+
+    Raises:
+        InputError: if an argument, action, or option cannot be used, or no OpenGL library can be loaded.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 50}
+    action_space: spaces.Box  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(
         self,
@@ -37,7 +106,7 @@ class KeyCLDEnv(gym.Env[Any, NDArray[np.float32]], EzPickle):
     ) -> None:
         EzPickle.__init__(
             self,
-            system=system,
+            system,
             obs_type=obs_type,
             width=width,
             height=height,
@@ -47,87 +116,125 @@ class KeyCLDEnv(gym.Env[Any, NDArray[np.float32]], EzPickle):
             start=start,
             render_mode=render_mode,
         )
+        self._renderers: dict[tuple[int, int], Renderer] = {}
         self.system = get_system(system) if isinstance(system, str) else system
-        self.model = self.system.compile()
-        self.data = mujoco.MjData(self.model)
-        self._scratch = mujoco.MjData(self.model)
         self.obs_type: ObsType = obs_type
-        self.width, self.height = width, height
-        self.camera = camera or self.system.camera
+        self.width, self.height = check_size("width", width), check_size("height", height)
         self.render_quality: Quality = render_quality
         self.start: Start = start or self.system.start
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": round(1 / self.system.timestep)}
-        limit = self.system.action_limit if action_limit is None else action_limit
-        if limit is not None:
-            self.model.actuator_ctrlrange[:] = [-limit, limit]
-        low, high = self.model.actuator_ctrlrange.T.astype(np.float32)
-        self.action_space = spaces.Box(low, high, dtype=np.float32)
-        pixels = spaces.Box(0, 255, (height, width, 3), np.uint8)
-        state = spaces.Box(-np.inf, np.inf, (self.model.nq + self.model.nv,), np.float64)
-        self.observation_space = {
-            "pixels": pixels,
-            "state": state,
-            "pixels_state": spaces.Dict({"pixels": pixels, "state": state}),
-        }[obs_type]
-        self._substeps = round(self.system.timestep / self.model.opt.timestep)
-        self._renderer: Renderer | None = None
-        self._at_target_since = np.inf
-        self._target = self._target_pose()
+        check_choice("obs_type", obs_type, get_args(ObsType))
+        check_choice("render_quality", render_quality, get_args(Quality))
+        check_choice("start", self.start, get_args(Start))
+        check_choice("render_mode", render_mode, (None, "rgb_array"))
+        self.metadata = {  # pyright: ignore[reportAttributeAccessIssue]
+            **self.metadata,
+            "render_fps": round(1 / self.system.timestep),
+        }
 
-    def reset(
-        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; `options` may give "qpos" [nq] and "qvel" [nv]."""
+        self.model = self.system.compile()
+        self.data = mujoco.MjData(self.model)
+        self.camera = check_camera(self.model, camera or self.system.camera)
+        limit = self.system.action_limit if action_limit is None else check_action_limit(action_limit)
+        if limit is not None:
+            self.model.actuator_ctrllimited[:] = True
+            self.model.actuator_ctrlrange[:] = [-limit, limit]
+        self._posed = mujoco.MjData(self.model)
+        self._success = SuccessMonitor(self.system, self.model)
+        self._substeps = round(self.system.timestep / self.model.opt.timestep)
+        self.action_space = _action_space(self.model)
+        self.observation_space = self._observation_space()
+
+    def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Start an episode.
+
+        Args:
+            seed: seeds the random starts of this and the following episodes.
+            options: "qpos" [nq] (rad, m) sets the configuration, "qvel" [nv] (rad/s, m/s) the velocity.
+
+        Returns:
+            observation and info.
+
+        Raises:
+            InputError: if an option is unknown, of the wrong length, or not finite.
+        """
         super().reset(seed=seed)
-        qpos, qvel = self.system.sample_start(self.start, self.np_random)
         options = options or {}
+        if unknown := set(options) - {"qpos", "qvel"}:
+            raise InputError(f"reset options may have 'qpos' and 'qvel', not {sorted(unknown)}.")
+        qpos, qvel = self.system.sample_start(self.start, self.np_random)
         if "qpos" in options:
-            qpos, qvel = np.asarray(options["qpos"]), np.zeros(self.model.nv)
+            qpos, qvel = finite_vector("qpos", options["qpos"], self.model.nq), np.zeros(self.model.nv)
         if "qvel" in options:
-            qvel = np.asarray(options["qvel"])
+            qvel = finite_vector("qvel", options["qvel"], self.model.nv)
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = qpos, qvel
         mujoco.mj_forward(self.model, self.data)
-        self._at_target_since = np.inf
+        self._success.reset()
         return self._observation(), self._info()
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Hold `action` [m] for one control step."""
-        self.data.ctrl[:] = action
+    def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Hold `action` [m], clipped to the action space, for one control step.
+
+        Returns:
+            observation, reward, terminated (never), truncated (left to Gymnasium's TimeLimit), info.
+
+        Raises:
+            InputError: if the action has the wrong length or is not finite, or the simulation diverges.
+        """
+        control = finite_vector("action", action, self.model.nu)
+        np.clip(control, self.action_space.low, self.action_space.high, out=self.data.ctrl)
+        before = self.data.time
         for _ in range(self._substeps):
-            if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-                mujoco.mj_step(self.model, self.data)
-            else:
-                mujoco.mj_step2(self.model, self.data)
-            mujoco.mj_step1(self.model, self.data)
-        reward = self.system.reward(self.model, self.data) if self.system.reward else float(self._at_target())
-        return self._observation(), reward, False, False, self._info()
+            _physics_step(self.model, self.data)
+        if self.data.time <= before:  # MuJoCo resets a diverging simulation
+            raise InputError("The simulation diverged; use smaller actions, velocities, or time steps.")
+        reward = self.system.reward(self.model, self.data) if self.system.reward else self._success.at_target(self.data)
+        return self._observation(), float(reward), False, False, self._info()
 
-    def render(self) -> NDArray[np.uint8]:
-        """[H, W, 3] image of the current state."""
-        return self._render(self.data)
+    def render(self) -> NDArray[np.uint8]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """[height, width, 3] RGB image of the current state."""
+        return self.render_frame()
 
-    def render_qpos(self, qpos: ArrayLike) -> NDArray[np.uint8]:
-        """[H, W, 3] image of the configuration `qpos` [nq] (rad, m); the state of the environment is untouched."""
-        self._scratch.qpos[:] = np.asarray(qpos)
-        mujoco.mj_forward(self.model, self._scratch)
-        return self._render(self._scratch)
+    def render_frame(self, *, width: int | None = None, height: int | None = None) -> NDArray[np.uint8]:
+        """[height, width, 3] RGB image of the current state, of the observations' size unless told otherwise."""
+        return self._render(self.data, width, height)
+
+    def render_qpos(self, qpos: ArrayLike, *, width: int | None = None, height: int | None = None) -> NDArray[np.uint8]:
+        """[height, width, 3] RGB image of the configuration `qpos` [nq] (rad, m), for instance a target image.
+
+        The state of the environment stays as it is.
+
+        Raises:
+            InputError: if `qpos` has the wrong length or is not finite.
+        """
+        self._posed.qpos[:] = finite_vector("qpos", qpos, self.model.nq)
+        mujoco.mj_forward(self.model, self._posed)
+        return self._render(self._posed, width, height)
 
     def keypoints(self) -> NDArray[np.float64]:
-        """[K, 2] true keypoints of the current state, image units."""
+        """[K, 2] true keypoints of the current state, image units (pixel centres span -1 to 1, y up)."""
         return self.system.keypoints(self.model, self.data, self.width, self.height, self.camera)
 
     def close(self) -> None:
-        """Free the renderer."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        """Free the renderers."""
+        while self._renderers:
+            self._renderers.popitem()[1].close()
 
-    def _render(self, data: mujoco.MjData) -> NDArray[np.uint8]:
-        if self._renderer is None:
-            self._renderer = Renderer(self.model, self.width, self.height, self.render_quality)
-        return self._renderer.render(data, self.camera)
+    def _render(self, data: mujoco.MjData, width: int | None = None, height: int | None = None) -> NDArray[np.uint8]:
+        size = (
+            self.width if width is None else check_size("width", width),
+            self.height if height is None else check_size("height", height),
+        )
+        if size not in self._renderers:
+            self._renderers[size] = Renderer(self.model, *size, self.render_quality)
+        return self._renderers[size].render(data, self.camera)
+
+    def _observation_space(self) -> spaces.Space[Any]:
+        pixels = spaces.Box(0, 255, (self.height, self.width, 3), np.uint8)
+        state = spaces.Box(-np.inf, np.inf, (self.model.nq + self.model.nv,), np.float64)
+        both = spaces.Dict({"pixels": pixels, "state": state})
+        return {"pixels": pixels, "state": state, "pixels_state": both}[self.obs_type]
 
     def _observation(self) -> Any:
         if self.obs_type == "pixels":
@@ -136,29 +243,24 @@ class KeyCLDEnv(gym.Env[Any, NDArray[np.float32]], EzPickle):
         return state if self.obs_type == "state" else {"pixels": self._render(self.data), "state": state}
 
     def _info(self) -> dict[str, Any]:
-        now = self.data.time
-        self._at_target_since = min(self._at_target_since, now) if self._at_target() else np.inf
         return {
             "qpos": self.data.qpos.copy(),
             "qvel": self.data.qvel.copy(),
             "energy": float(self.data.energy.sum()),
-            "is_success": bool(now - self._at_target_since >= self.system.tolerance.duration - 1e-9),
+            "is_success": self._success.update(self.data),
         }
 
-    def _target_pose(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        self._scratch.qpos[:] = self.system.target_qpos
-        mujoco.mj_forward(self.model, self._scratch)
-        self._hinges = np.flatnonzero(self.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
-        self._slides = np.flatnonzero(self.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)
-        self._links = self.model.jnt_bodyid[self._hinges]
-        return self._scratch.xmat[self._links].copy(), self._scratch.qpos[self._slides].copy()
 
-    def _at_target(self) -> bool:
-        rotations, positions = self._target
-        tolerance = self.system.tolerance
-        cosines = (np.einsum("li,li->l", self.data.xmat[self._links], rotations) - 1) / 2
-        return bool(
-            np.all(cosines >= np.cos(tolerance.angle))
-            and np.all(np.abs(self.data.qpos[self._slides] - positions) <= tolerance.position)
-            and np.all(np.abs(self.data.qvel) < tolerance.velocity)
-        )
+def _action_space(model: mujoco.MjModel) -> spaces.Box:
+    limited = model.actuator_ctrllimited[:, None].astype(bool)
+    low, high = np.where(limited, model.actuator_ctrlrange, [-np.inf, np.inf]).T.astype(np.float32)
+    return spaces.Box(low, high, dtype=np.float32)
+
+
+def _physics_step(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """One time step that ends with up-to-date kinematics and energy, in the same order as dm_control."""
+    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        mujoco.mj_step(model, data)
+    else:
+        mujoco.mj_step2(model, data)
+    mujoco.mj_step1(model, data)

@@ -67,7 +67,9 @@ class Insert:
         name = self.attributes.get("name")
         if name is not None and any(child.get("name") == name for child in parent.findall(self.tag)):
             raise EditError(f"{self.path} already has a {self.tag} named {name!r}.")
-        parent.insert(len(parent) if self.index is None else self.index, ElementTree.Element(self.tag, self.attributes))
+        parent.insert(
+            len(parent) if self.index is None else self.index, ElementTree.Element(self.tag, dict(self.attributes))
+        )
 
 
 def edit(xml: str, *edits: Change | Insert) -> str:

@@ -1,4 +1,4 @@
-"""Choice of the OpenGL backend, before `mujoco` reads it from the environment. Opens nothing."""
+"""Choice of the OpenGL backend, before `mujoco` reads it from the environment. Opens nothing until asked to."""
 
 import ctypes
 import ctypes.util
@@ -10,8 +10,9 @@ from keycld_envs.errors import InputError
 
 _LIBRARIES = {"egl": ("EGL", "libEGL.so.1"), "osmesa": ("OSMesa", "libOSMesa.so.8")}
 _PACKAGES = {"egl": "libegl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
-_HEADLESS = tuple(_LIBRARIES)
 _OFF = ("disable", "disabled", "off", "false", "0")
+
+_opened_by: int | None = None  # the process that opened the first context
 
 
 def library_loads(backend: str) -> bool:
@@ -32,15 +33,15 @@ def import_mujoco() -> None:
     then imported without rendering, so that state observations still work and `create_context` can say why
     pixels do not.
     """
-    if platform.system() == "Linux" and not os.environ.get("MUJOCO_GL") and not os.environ.get("DISPLAY"):
-        usable = next((name for name in _HEADLESS if library_loads(name)), None)
+    if not _backend() and _headless():
+        usable = next((name for name in _LIBRARIES if library_loads(name)), None)
         if usable:
             os.environ["MUJOCO_GL"] = usable
-    requested = os.environ.get("MUJOCO_GL", "").strip().lower()
+    requested = _backend()
     if requested in _LIBRARIES and not library_loads(requested):
         os.environ["MUJOCO_GL"] = "disabled"
         try:
-            import mujoco  # noqa: F401
+            import mujoco
         finally:
             os.environ["MUJOCO_GL"] = requested
     else:
@@ -53,29 +54,50 @@ def create_context(width: int, height: int) -> Any:
     Raises:
         InputError: if no context can be opened; the message names the Debian packages to install.
     """
-    backend = os.environ.get("MUJOCO_GL", "").strip().lower()
+    global _opened_by
+    backend = _backend()
+    if _opened_by not in (None, os.getpid()):
+        raise InputError(
+            "OpenGL was opened before this process was forked, and would hang; start worker processes with 'spawn' or "
+            "'forkserver', for instance AsyncVectorEnv(..., context='spawn')."
+        )
     if backend in _OFF:
         raise InputError(
-            f"Rendering is switched off by MUJOCO_GL={backend}; unset it, or use obs_type='state' without render()."
+            f"Rendering is switched off by MUJOCO_GL={backend}; unset it, or use obs_type='state' without rendering."
         )
+    if not backend and _headless():
+        raise no_opengl("neither an EGL nor an OSMesa library was found")
     if backend in _LIBRARIES and not library_loads(backend):
-        raise InputError(
-            f"The OpenGL library of MUJOCO_GL={backend} cannot be loaded; install it (Debian, Ubuntu: "
-            f"apt-get install {_PACKAGES[backend]}), or use obs_type='state' without render()."
-        )
+        raise no_opengl("its library cannot be loaded")
     try:
         if backend == "egl":
-            from mujoco.egl import GLContext  # pyright: ignore[reportMissingImports]
+            from mujoco.egl import GLContext
         elif backend == "osmesa":
-            from mujoco.osmesa import GLContext  # pyright: ignore[reportMissingImports]
+            from mujoco.osmesa import GLContext
         else:
-            from mujoco.gl_context import GLContext  # pyright: ignore[reportAttributeAccessIssue]
+            from mujoco.gl_context import GLContext
         context = GLContext(width, height)
         context.make_current()
     except Exception as error:  # PyOpenGL raises AttributeError, TypeError and its own types for a missing driver
-        packages = " or ".join(_PACKAGES.values())
-        raise InputError(
-            f"No OpenGL context could be opened ({backend or 'default backend'}: {error}); install a software "
-            f"renderer (Debian, Ubuntu: apt-get install {packages}) and set MUJOCO_GL to egl or osmesa."
-        ) from error
+        raise no_opengl(str(error)) from error
+    _opened_by = os.getpid()
     return context
+
+
+def no_opengl(reason: str) -> InputError:
+    """The error for a machine without a usable OpenGL."""
+    backend = _backend()
+    packages = _PACKAGES.get(backend, " or ".join(_PACKAGES.values()))
+    return InputError(
+        f"Images cannot be rendered with MUJOCO_GL={backend or '(unset)'} ({reason.strip().rstrip('.')}): install a "
+        f"software renderer (Debian, Ubuntu: apt-get install {packages}) and unset MUJOCO_GL, or use "
+        "obs_type='state' without rendering."
+    )
+
+
+def _backend() -> str:
+    return os.environ.get("MUJOCO_GL", "").strip().lower()
+
+
+def _headless() -> bool:
+    return platform.system() == "Linux" and not os.environ.get("DISPLAY")

@@ -1,6 +1,7 @@
 """Gymnasium ids, and how people shorten them."""
 
 import difflib
+from typing import Any
 
 import gymnasium as gym
 
@@ -33,6 +34,19 @@ def register(system: System, env_id: str, max_episode_steps: int = MAX_EPISODE_S
     """
     gym.register(env_id, entry_point=_ENTRY_POINT, max_episode_steps=max_episode_steps, kwargs={"system": system})
     _SHORT_NAMES[system.name] = env_id
+
+
+def make(name: str, **kwargs: Any) -> gym.Env[Any, Any]:
+    """`gymnasium.make` that takes short names, such as "acrobot-stock", and suggests names for unknown ones.
+
+    Args:
+        name: an environment id or a short name, see `resolve_env_id`.
+        **kwargs: passed on to `gymnasium.make`.
+
+    Raises:
+        InputError: if there is no such environment.
+    """
+    return gym.make(resolve_env_id(name), **kwargs)
 
 
 def resolve_env_id(name: str) -> str:

@@ -4,14 +4,13 @@ import atexit
 import copy
 import weakref
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.errors import InputError
-from keycld_envs.opengl import create_context
+from keycld_envs.opengl import create_context, no_opengl
 
 Quality = Literal["fast", "full"]
 
@@ -31,6 +30,19 @@ class RenderSettings:
     slices: int | None = None
     stacks: int | None = None
     plane_cells: int | None = None
+
+    def apply(self, model: mujoco.MjModel) -> mujoco.MjModel:
+        """A copy of `model` with these settings, from which OpenGL's resources can be made."""
+        changed = copy.copy(model)
+        quality = changed.vis.quality
+        quality.shadowsize = self.shadow_size or quality.shadowsize
+        quality.numslices = self.slices or quality.numslices
+        quality.numstacks = self.stacks or quality.numstacks
+        if self.plane_cells:
+            planes = changed.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+            coarsest = 2 * changed.geom_size[planes, :2].max(axis=1) / self.plane_cells
+            changed.geom_size[planes, 2] = np.maximum(changed.geom_size[planes, 2], coarsest)
+        return changed
 
 
 QUALITIES: dict[str, RenderSettings] = {
@@ -57,25 +69,20 @@ class Renderer:
             it differs from "full" by less than 0.5 of 255 grey levels on average (64 x 64 pixels).
 
     Raises:
-        InputError: if no OpenGL context can be opened, or the quality is unknown.
+        InputError: if no OpenGL context can be opened.
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, quality: Quality = "fast") -> None:
-        if quality not in QUALITIES:
-            raise InputError(f"render_quality must be one of {sorted(QUALITIES)}, got {quality!r}.")
-        settings = QUALITIES[quality]
-        buffers = copy.copy(model)
-        buffers.vis.global_.offwidth, buffers.vis.global_.offheight = width, height
-        quality_of_model = buffers.vis.quality
-        quality_of_model.shadowsize = settings.shadow_size or quality_of_model.shadowsize
-        quality_of_model.numslices = settings.slices or quality_of_model.numslices
-        quality_of_model.numstacks = settings.stacks or quality_of_model.numstacks
-        if settings.plane_cells is not None:
-            sizes = buffers.geom_size[buffers.geom_type == mujoco.mjtGeom.mjGEOM_PLANE]
-            sizes[:, 2] = np.maximum(sizes[:, 2], 2 * sizes[:, :2].max(axis=1) / settings.plane_cells)
-            buffers.geom_size[buffers.geom_type == mujoco.mjtGeom.mjGEOM_PLANE] = sizes
-        self._gl = create_context(width, height)
-        self._context = mujoco.MjrContext(buffers, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        self._gl: Any = None
+        resources = QUALITIES[quality].apply(model)
+        resources.vis.global_.offwidth, resources.vis.global_.offheight = width, height
+        gl = create_context(width, height)
+        try:
+            self._context = mujoco.MjrContext(resources, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        except mujoco.FatalError as error:
+            gl.free()
+            raise no_opengl(str(error)) from error
+        self._gl = gl
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         if not _open_renderers:
             atexit.unregister(_close_all)
@@ -112,3 +119,6 @@ class Renderer:
             self._gl.free()
             self._gl = None
             _open_renderers.discard(self)
+
+    def __del__(self) -> None:
+        self.close()

@@ -9,8 +9,7 @@ from keycld_envs.systems.cartpole import CARTPOLE, CARTPOLE_STOCK
 from keycld_envs.systems.pendulum import PENDULUM, PENDULUM_STOCK
 
 SYSTEMS: dict[str, System] = {
-    system.name: system
-    for system in (PENDULUM, CARTPOLE, ACROBOT, PENDULUM_STOCK, CARTPOLE_STOCK, ACROBOT_STOCK)
+    system.name: system for system in (PENDULUM, CARTPOLE, ACROBOT, PENDULUM_STOCK, CARTPOLE_STOCK, ACROBOT_STOCK)
 }
 
 

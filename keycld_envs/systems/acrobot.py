@@ -16,9 +16,7 @@ _EDITS = (
     Change("default/joint", {"damping": (".05", "0")}),
     Change("worldbody/geom[@name='floor']", {"size": ("3 3 .2", "6 6 .2")}),
     Change(_UPPER, {"pos": ("0 0 2", "0 0 2.1")}),
-    Change(
-        f"{_UPPER}/geom[@name='upper_arm']", {"size": ("0.05", "0.100"), "material": ("self", "decoration")}
-    ),
+    Change(f"{_UPPER}/geom[@name='upper_arm']", {"size": ("0.05", "0.100"), "material": ("self", "decoration")}),
     Change(f"{_UPPER}/body/geom[@name='lower_arm']", {"size": ("0.049", "0.099")}),
     Change("actuator/motor[@name='elbow']", {"ctrlrange": ("-1 1", "-3 3")}),
     Insert(
@@ -38,7 +36,12 @@ def swingup_reward(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 
 def _system(
-    name: str, *edits: Change | Insert, actuators: tuple[str, ...], camera: str, action_limit: float | None
+    name: str,
+    *edits: Change | Insert,
+    actuators: tuple[str, ...],
+    lower_mass: float,
+    camera: str,
+    action_limit: float | None,
 ) -> System:
     xml, assets = read_suite("acrobot")
     return System(
@@ -51,7 +54,7 @@ def _system(
         ),
         actuators=actuators,
         mechanism=Mechanism(num_keypoints=2, num_actions=len(actuators), rods=(Rod(None, 0), Rod(0, 1))),
-        landmarks=(Landmark("upper_arm", (0, 0, 1)), Landmark("lower_arm", (0, 0, 1))),
+        landmarks=(Landmark("upper_arm", (0, 0, 1), (0, 0, 1)), Landmark("lower_arm", (0, 0, 1), (0, 0, lower_mass))),
         camera=camera,
         timestep=0.01,
         target_qpos=(0.0, 0.0),
@@ -61,11 +64,19 @@ def _system(
     )
 
 
-ACROBOT = _system("acrobot", *_EDITS, actuators=("shoulder", "elbow"), camera="fixed", action_limit=15.0)
+ACROBOT = _system(
+    "acrobot",
+    *_EDITS,
+    actuators=("shoulder", "elbow"),
+    lower_mass=0.71944,
+    camera="fixed",
+    action_limit=15.0,
+)
 ACROBOT_STOCK = _system(
     "acrobot-stock",
     Insert("worldbody", "camera", {"name": "frontal", "pos": "0 -6 2", "zaxis": "0 -1 0"}),
     actuators=("elbow",),
+    lower_mass=0.69061,
     camera="frontal",
     action_limit=None,
 )

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.checks import check_camera
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
 from keycld_envs.projection import world_to_image
@@ -41,8 +42,9 @@ class Landmark:
     Attributes:
         body: name of the body in the MJCF.
         position: position in the body's frame, metres.
-        mass_position: where the exactly equivalent point mass of this body sits in the body's frame, metres, if
-            such a point exists and is known. It differs from the landmark when the link is no point mass.
+        mass_position: if given, point masses at these positions of all landmarks have exactly the mechanism's
+            kinetic and potential energy (in a suitable ratio of masses), in the body's frame, metres. The
+            keypoints that explain the motion best lie there, which for a thick rod is not its tip.
     """
 
     body: str
@@ -70,6 +72,22 @@ class Tolerance:
 @dataclass(frozen=True)
 class System:
     """A planar mechanism with its simulation model, camera, and target.
+
+    For a mechanism of your own, write an MJCF file with a camera that looks at right angles to the plane of motion,
+    declare it like this, and pass it to `KeyCLDEnv(system)` or `register(system, "MyLab/Slider-v0")`::
+
+        System(
+            name="slider",
+            mjcf=Path("slider.xml"),
+            joints=(Joint("rail", "slide", (-0.5, 0.5)),),
+            actuators=("push",),
+            mechanism=Mechanism(num_keypoints=1, num_actions=1, sliders=(Slider(0),)),
+            landmarks=(Landmark("cart"),),
+            camera="front",
+            timestep=0.02,
+            target_qpos=(0.0,),
+            hanging_qpos=(0.3,),
+        )
 
     Attributes:
         name: short name, for instance "acrobot".
@@ -101,7 +119,7 @@ class System:
     target_qpos: tuple[float, ...]
     hanging_qpos: tuple[float, ...]
     reward: Reward | None = None
-    assets: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+    assets: Mapping[str, bytes] = field(default_factory=dict, repr=False, hash=False)
     action_limit: float | None = None
     start: Start = "random"
     tolerance: Tolerance = Tolerance()
@@ -141,9 +159,7 @@ class System:
         positions = self.keypoint_positions(model, data)
         return world_to_image(model, data, positions, camera or self.camera, width, height)
 
-    def sample_start(
-        self, start: Start, rng: np.random.Generator
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def sample_start(self, start: Start, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Draw the initial qpos [nq] and qvel [nv] of an episode.
 
         "random" is uniform over the joints' start ranges, at rest. "hanging" is the stable equilibrium with normal
@@ -183,7 +199,10 @@ class System:
         known = {model.body(b).name for b in range(model.nbody)}
         missing = [landmark.body for landmark in self.landmarks if landmark.body not in known]
         if missing:
-            raise InputError(f"The MJCF of system {self.name!r} has no body named {missing[0]!r}; it has {sorted(known)}.")
+            raise InputError(
+                f"The MJCF of system {self.name!r} has no body named {missing[0]!r}; it has {sorted(known)}."
+            )
+        check_camera(model, self.camera)
         substeps = self.timestep / model.opt.timestep
         if round(substeps) < 1 or abs(substeps - round(substeps)) > 1e-6:
             raise InputError(

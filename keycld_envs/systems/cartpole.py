@@ -33,15 +33,16 @@ def swingup_reward(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     """dm_control's smooth cartpole swing-up: upright, centred, with small control and a slow pole."""
     upright = (data.xmat[model.body("pole_1").id, 8] + 1) / 2
     centered = (1 + rewards.tolerance(data.qpos[0], margin=2)) / 2
-    small_control = rewards.tolerance(data.ctrl, margin=1, value_at_margin=0, sigmoid="quadratic")[0]
-    small_velocity = (1 + rewards.tolerance(data.qvel[1:], margin=5).min()) / 2
-    return float(upright * ((4 + small_control) / 5) * small_velocity * centered)
+    small_control = (4 + rewards.tolerance(data.ctrl[0], margin=1, value_at_margin=0, sigmoid="quadratic")) / 5
+    small_velocity = (1 + rewards.tolerance(data.qvel[1], margin=5)) / 2
+    return float(upright * small_control * small_velocity * centered)
 
 
 def _system(
     name: str,
     *edits: Change | Insert,
     actuators: tuple[str, ...],
+    pole_mass: float,
     camera: str,
     action_limit: float | None,
     start: Start,
@@ -53,10 +54,8 @@ def _system(
         assets=assets,
         joints=(Joint("slider", "slide", (-1.0, 1.0)), Joint("hinge_1", "hinge", (-math.pi, math.pi))),
         actuators=actuators,
-        mechanism=Mechanism(
-            num_keypoints=2, num_actions=len(actuators), sliders=(Slider(0),), rods=(Rod(0, 1),)
-        ),
-        landmarks=(Landmark("cart"), Landmark("pole_1", (0, 0, 1))),
+        mechanism=Mechanism(num_keypoints=2, num_actions=len(actuators), sliders=(Slider(0),), rods=(Rod(0, 1),)),
+        landmarks=(Landmark("cart", (0, 0, 0), (0, 0, 0)), Landmark("pole_1", (0, 0, 1), (0, 0, pole_mass))),
         camera=camera,
         timestep=0.01,
         target_qpos=(0.0, 0.0),
@@ -68,12 +67,19 @@ def _system(
 
 
 CARTPOLE = _system(
-    "cartpole", *_EDITS, actuators=("slide", "hinge_1"), camera="fixed", action_limit=3.0, start="random"
+    "cartpole",
+    *_EDITS,
+    actuators=("slide", "hinge_1"),
+    pole_mass=0.71392,
+    camera="fixed",
+    action_limit=3.0,
+    start="random",
 )
 CARTPOLE_STOCK = _system(
     "cartpole-stock",
     Insert("worldbody", "camera", {"name": "frontal", **_CAMERA}),
     actuators=("slide",),
+    pole_mass=0.68849,
     camera="frontal",
     action_limit=None,
     start="hanging",

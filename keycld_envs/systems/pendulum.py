@@ -39,7 +39,7 @@ def _system(name: str, *edits: Change | Insert, camera: str, action_limit: float
         joints=(Joint("hinge", "hinge", (-math.pi, math.pi)),),
         actuators=("torque",),
         mechanism=Mechanism(num_keypoints=1, num_actions=1, rods=(Rod(None, 0),)),
-        landmarks=(Landmark("pole", (0, 0, 0.5)),),
+        landmarks=(Landmark("pole", (0, 0, 0.5), (0, 0, 0.502)),),
         camera=camera,
         timestep=0.02,
         target_qpos=(0.0,),
