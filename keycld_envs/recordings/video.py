@@ -1,5 +1,7 @@
 """Lossless video of frames, and frame-by-frame decoding of any video."""
 
+import subprocess
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -27,7 +29,7 @@ def write_video(path: Path, frames: NDArray[np.uint8], fps: float) -> None:
         codec="ffv1",
         quality=None,  # pyright: ignore[reportArgumentType]
         macro_block_size=1,
-        output_params=["-level", "3", "-slicecrc", "1"],
+        output_params=["-level", "3", "-slicecrc", "1", "-g", "1"],
     )
     writer.send(None)
     for frame in frames:
@@ -46,22 +48,31 @@ def iter_video(path: Path, num_frames: int) -> Iterator[NDArray[np.uint8]]:
         [H, W, 3] uint8, RGB.
 
     Raises:
-        InputError: if the file cannot be decoded or holds another number of frames.
+        InputError: after the last frame, if the decoder reported an error or the number of frames is another.
     """
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", "-i", str(path), "-map", "0:v:0"]
+    command += ["-fps_mode", "passthrough", "-pix_fmt", "rgb24", "-c:v", "ppm", "-f", "image2pipe", "-"]
     count = 0
-    try:
-        reader = imageio_ffmpeg.read_frames(
-            str(path), input_params=["-err_detect", "crccheck+explode"], output_params=["-fps_mode", "passthrough"]
-        )
-        width, height = next(reader)["size"]
-        for data in reader:
-            count += 1
-            yield np.frombuffer(data, np.uint8).reshape(height, width, 3)
-    except (OSError, RuntimeError, StopIteration) as error:
-        reason = str(error).strip().splitlines()[-1:] or ["no frame found"]
-        raise InputError(f"{path} cannot be decoded after frame {count} ({reason[0]}); replace the file.") from error
+    with tempfile.TemporaryFile() as log, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log) as decoder:
+        assert decoder.stdout is not None
+        try:
+            while decoder.stdout.readline():  # "P6", then "WIDTH HEIGHT", "255", and the pixels
+                width, height = map(int, decoder.stdout.readline().split())
+                decoder.stdout.readline()
+                data = decoder.stdout.read(width * height * 3)
+                if len(data) < width * height * 3:
+                    break
+                count += 1
+                yield np.frombuffer(data, np.uint8).reshape(height, width, 3)
+            decoder.wait()
+        finally:
+            decoder.kill()
+        log.seek(0)
+        errors = log.read().decode(errors="replace").splitlines()
+    if errors:
+        raise InputError(f"{path} is damaged ({errors[0].strip()}); replace the file.")
     if count != num_frames:
         raise InputError(
-            f"{path} holds {count} readable frames, but t_frame in signals.npz has {num_frames}; "
+            f"{path} holds {count} frames, but t_frame in signals.npz has {num_frames}; "
             "the video is truncated or belongs to another recording."
         )

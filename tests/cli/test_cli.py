@@ -1,0 +1,170 @@
+"""The `keycld` command: output, exit codes, and what it does on a machine where something is missing."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from keycld_control.cli import command_names, main
+from keycld_control.cli.doctor import examine
+
+COLLECT = ["--steps", "3", "--width", "16", "--height", "16"]
+
+
+def keycld(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    env = {key: value for key, value in os.environ.items() if key not in ("MUJOCO_GL", "DISPLAY", "PYOPENGL_PLATFORM")}
+    command = [sys.executable, "-m", "keycld_control.cli", *words]
+    return subprocess.run(command, capture_output=True, text=True, env=env | environment, check=False)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """The one sentence on stderr with which a command refuses its input."""
+    assert main(words) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("keycld: ")
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+def test_overview_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in ([], ["--help"]):
+        assert main(words) == 0
+        out = capsys.readouterr().out
+        assert all(f"  {name} " in out for name in command_names())
+    assert {"collect", "doctor"} <= set(command_names())
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("keycld 0.")
+
+
+@pytest.mark.parametrize("name", command_names())
+def test_every_command_explains_itself_without_heavy_imports(name: str) -> None:
+    code = (
+        "import sys; from keycld_control.cli import main\n"
+        f"try: main([{name!r}, '--help'])\n"
+        "except SystemExit as end: assert end.code == 0\n"
+        "assert not {'jax', 'OpenGL', 'mujoco'} & sys.modules.keys(), 'import heavy modules inside run()'"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "--json" in done.stdout
+    assert "(default: " in done.stdout
+
+
+@pytest.mark.render
+def test_collect_prints_one_json_object_and_nothing_else(tmp_path: Path) -> None:
+    done = keycld("collect", "acrobot", "--episodes", "2", "--out", str(tmp_path / "a"), "--json", *COLLECT)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    result = json.loads(done.stdout)
+    assert result["frames_per_second"] > 0
+    assert result | {"frames_per_second": 0} == {
+        "system": "KeyCLD/Acrobot-v0",
+        "out": str(tmp_path / "a"),
+        "episodes": 2,
+        "recorded": 2,
+        "kept": 0,
+        "frames_per_second": 0,
+    }
+
+
+@pytest.mark.render
+def test_collect_prints_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["collect", "acrobot", "--episodes", "1", "--out", str(tmp_path / "a"), *COLLECT]) == 0
+    assert "KeyCLD/Acrobot-v0" in capsys.readouterr().out
+
+
+def test_input_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = str(tmp_path / "a")
+    assert "did you mean 'collect'" in refused(capsys, "colect")
+    assert "acrobot" in refused(capsys, "collect", "acrobat", "--out", out)
+    assert "'constant'" in refused(capsys, "collect", "acrobot", "--out", out, "--policy", "constnt")
+    assert "episodes" in refused(capsys, "collect", "acrobot", "--out", out, "--episodes", "0")
+    assert "steps" in refused(capsys, "collect", "acrobot", "--out", out, "--steps", "1")
+    assert not Path(out).exists()
+    with pytest.raises(SystemExit) as end:
+        main(["collect", "acrobot", "--out", out, "--seed", "one"])
+    assert end.value.code == 2
+
+
+def test_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupt(args: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("keycld_control.cli.doctor.run", interrupt)
+    assert main(["doctor"]) == 130
+    assert capsys.readouterr().err == "keycld: interrupted\n"
+
+
+@pytest.mark.render
+def test_doctor_on_a_complete_machine(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["ok"], report["advice"]
+    assert report["advice"] == []
+    assert report["python"].split(".")[:2] == [str(part) for part in sys.version_info[:2]]
+    assert {"mujoco", "jax", "gymnasium", "dm-control"} <= report["packages"].keys()
+    assert report["packages"]["mujoco"]["ok"]
+    assert report["opengl"]["backend"]
+    assert report["frames_per_second"]["fast"] > 0
+    assert main(["doctor"]) == 0
+    assert "Everything works." in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def no_opengl(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """An environment for subprocesses in which no OpenGL library can be loaded."""
+    folder = tmp_path_factory.mktemp("site")
+    (folder / "sitecustomize.py").write_text(
+        "import ctypes, ctypes.util\n"
+        "load, find = ctypes.CDLL.__init__, ctypes.util.find_library\n"
+        "hidden = lambda name: any(word in str(name) for word in ('GL', 'OSMesa'))\n"
+        "def refuse(self, name, *args, **kwargs):\n"
+        "    if hidden(name): raise OSError(f'{name}: cannot open shared object file')\n"
+        "    load(self, name, *args, **kwargs)\n"
+        "ctypes.CDLL.__init__ = refuse\n"
+        "ctypes.util.find_library = lambda name: None if hidden(name) else find(name)\n"
+    )
+    return {"PYTHONPATH": str(folder)}
+
+
+@pytest.mark.parametrize("backend", ["egl", "osmesa", "disabled", None])
+def test_doctor_without_opengl(no_opengl: dict[str, str], backend: str | None) -> None:
+    environment = no_opengl | ({"MUJOCO_GL": backend} if backend else {})
+    done = keycld("doctor", "--json", **environment)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert not report["ok"]
+    assert report["frames_per_second"] is None
+    assert report["opengl"]["error"]
+    assert "apt-get install libegl1" in report["advice"][0]
+    assert report["packages"]["mujoco"]["ok"]
+
+
+def test_collect_without_opengl_is_refused_in_one_sentence(no_opengl: dict[str, str], tmp_path: Path) -> None:
+    for workers in ("1", "2"):
+        out = str(tmp_path / workers)
+        done = keycld("collect", "acrobot", "--episodes", "2", "--workers", workers, "--out", out, **no_opengl)
+        assert done.returncode == 2, done.stderr
+        assert "libegl1" in done.stderr
+        assert "Traceback" not in done.stderr
+
+
+def test_doctor_names_a_missing_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("keycld_control.cli.doctor.requires", lambda name: ["numpy>=2", "mujoco>=99", "nowhere-at-all"])
+    monkeypatch.setattr("keycld_control.cli.doctor._opengl", lambda: {"error": None, "frames_per_second": {}})
+    report = examine()
+    assert [found["ok"] for found in report["packages"].values()] == [True, False, False]
+    assert "mujoco>=99 is required" in report["advice"][0]
+    assert "nowhere-at-all is missing" in report["advice"][1]
+
+
+def test_doctor_survives_a_driver_that_kills_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.executable", "/bin/false")
+    report = examine()
+    assert not report["ok"]
+    assert report["opengl"]["error"] == "the renderer ended with code 1"

@@ -1,0 +1,170 @@
+"""Collected data depend on the settings only, and survive a kill."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from keycld_envs.collect import CollectSettings, collect, make_env, record_episode
+from keycld_envs.errors import InputError
+from keycld_envs.policies import POLICIES, get_policy
+from keycld_envs.recordings import read_dataset
+
+SMALL = CollectSettings("KeyCLD/Cartpole-v0", steps=4, width=16, height=16)
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.mark.render
+def test_collecting(tmp_path: Path) -> None:
+    summary = collect(tmp_path / "a", SMALL, episodes=3)
+    assert (summary.recorded, summary.kept, summary.episodes) == (3, 0, 3)
+    data = read_dataset(tmp_path / "a")
+    first = data.recordings[0]
+    assert first.system == data.system == "KeyCLD/Cartpole-v0"
+    assert (first.source, first.render_quality, first.seed) == ("simulation", "fast", 0)
+    assert first.joint_names == ("slider", "hinge_1")
+    sequences = data.sequences()
+    assert sequences.frames.shape == (3, 4, 16, 16, 3)
+    assert sequences.actions.shape == (3, 3, 2)
+    assert sequences.timestep == pytest.approx(0.01)
+    assert first.qpos is not None
+    assert first.qvel is not None
+    np.testing.assert_array_equal(first.qvel[0], 0)
+    assert len({r.frames.tobytes() for r in data.recordings if r.frames is not None}) == 3
+
+
+@pytest.mark.render
+def test_the_recorded_actions_replay_the_recorded_motion(tmp_path: Path) -> None:
+    settings = CollectSettings("KeyCLD/Acrobot-v0", steps=6, policy="piecewise", velocity=0.1, width=16, height=16)
+    collect(tmp_path / "a", settings, episodes=1)
+    recording = read_dataset(tmp_path / "a").recordings[0]
+    assert recording.qpos is not None
+    assert recording.qvel is not None
+    assert recording.action is not None
+    assert recording.frames is not None
+    assert 0 < abs(recording.qvel[0]).max() <= 0.1
+    env = make_env(settings)
+    env.reset(options={"qpos": recording.qpos[0], "qvel": recording.qvel[0]})
+    for i, action in enumerate(recording.action):
+        pixels, _, _, _, info = env.step(action.astype(np.float32))
+        np.testing.assert_array_equal(info["qpos"], recording.qpos[i + 1])
+        np.testing.assert_array_equal(pixels, recording.frames[i + 1])
+    env.close()
+
+
+@pytest.mark.render
+def test_the_result_does_not_depend_on_workers_or_episodes(tmp_path: Path) -> None:
+    collect(tmp_path / "one", SMALL, episodes=5)
+    collect(tmp_path / "two", SMALL, episodes=2)
+    summary = collect(tmp_path / "two", SMALL, episodes=5, workers=2)
+    assert (summary.recorded, summary.kept) == (3, 2)
+    assert content(tmp_path / "one") == content(tmp_path / "two")
+    assert collect(tmp_path / "two", SMALL, episodes=5).recorded == 0
+
+
+@pytest.mark.render
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_killed_collection_resumes_to_the_same_data(tmp_path: Path, workers: str) -> None:
+    command = [sys.executable, "-m", "keycld_control.cli", "collect", "cartpole", "--steps", "4", "--episodes", "400"]
+    command += ["--width", "16", "--height", "16", "--workers", workers, "--out", str(tmp_path / "a")]
+    process = subprocess.Popen(command, start_new_session=True)
+    deadline = time.monotonic() + 60
+    while len(list(tmp_path.glob("a/episode-*"))) < 2:
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    while True:  # workers notice their parent's death
+        try:
+            os.killpg(process.pid, 0)
+        except ProcessLookupError:
+            break
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    complete = len(list(tmp_path.glob("a/episode-*")))
+    assert complete < 400
+    for extra in list(tmp_path.glob("a/episode-*"))[3:]:
+        for file in extra.iterdir():
+            file.unlink()
+        extra.rmdir()
+    collect(tmp_path / "a", SMALL, episodes=5)
+    collect(tmp_path / "b", SMALL, episodes=5)
+    left = {name: data for name, data in content(tmp_path / "a").items() if ".partial" not in name}
+    assert left == content(tmp_path / "b")
+
+
+@pytest.mark.render
+def test_other_settings_and_foreign_folders_are_refused(tmp_path: Path) -> None:
+    collect(tmp_path / "a", SMALL, episodes=2)
+    with pytest.raises(InputError, match="collected with seed=0, not 1"):
+        collect(tmp_path / "a", replace(SMALL, seed=1), episodes=2)
+    with pytest.raises(InputError, match="holds episode-00001 beyond the 1 episodes"):
+        collect(tmp_path / "a", SMALL, episodes=1)
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "thesis.tex").touch()
+    with pytest.raises(InputError, match="not made by `keycld collect`"):
+        collect(tmp_path / "b", SMALL, episodes=1)
+    with pytest.raises(InputError, match="is a file"):
+        collect(tmp_path / "b" / "thesis.tex", SMALL, episodes=1)
+
+
+@pytest.mark.render
+def test_settings_that_recorded_nothing_may_change(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="camera"):
+        collect(tmp_path / "a", replace(SMALL, camera="nowhere"), episodes=1)
+    assert collect(tmp_path / "a", SMALL, episodes=1).recorded == 1
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("steps", 1), ("width", 0), ("seed", -1), ("velocity", -1.0), ("velocity", float("nan")), ("action_range", 0.0)],
+)
+def test_settings_out_of_range(field: str, value: float) -> None:
+    with pytest.raises(InputError, match=field):
+        replace(SMALL, **{field: value})
+
+
+@pytest.mark.render
+def test_the_action_range_is_the_papers_unless_given() -> None:
+    for settings, bound in (
+        (CollectSettings("KeyCLD/Acrobot-v0"), 3.0),
+        (CollectSettings("KeyCLD/PendulumStock-v0"), 1.0),
+        (CollectSettings("KeyCLD/Pendulum-v0", action_range=5.0), 5.0),
+    ):
+        settings = replace(settings, steps=2, width=4, height=4)
+        env = make_env(settings)
+        actions = np.array([record_episode(env, settings, i).action for i in range(30)])
+        env.close()
+        assert 0.7 * bound < np.abs(actions).max() <= bound
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_policies(name: str) -> None:
+    low, high = np.array([-3.0, 0.0]), np.array([3.0, 1.0])
+    runs = np.array([get_policy(name)(np.random.default_rng(i), 40, low, high) for i in range(500)])
+    assert runs.shape == (500, 40, 2)
+    assert (runs >= low).all()
+    assert (runs <= high).all()
+    zero = (runs == 0).all(axis=-1).mean()
+    assert 0.15 < zero < 0.25
+    changes = (np.diff(runs, axis=1) != 0).any(axis=-1).sum(axis=1)
+    if name == "constant":
+        assert (changes == 0).all()
+        assert abs(runs[..., 0].mean()) < 0.3
+    else:
+        assert 2 < changes.mean() < 10
+
+
+def test_an_unknown_policy_suggests_one() -> None:
+    with pytest.raises(InputError, match="did you mean 'piecewise'"):
+        get_policy("piecwise")
