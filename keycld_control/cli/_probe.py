@@ -31,7 +31,7 @@ def _speed(quality: Any, report: dict[str, Any]) -> float:
         with suppress(Exception):
             from OpenGL.GL import GL_RENDERER, glGetString
 
-            report["renderer"] = glGetString(GL_RENDERER).decode()
+            report["renderer"] = bytes(glGetString(GL_RENDERER) or b"").decode() or None
         frames, start = 0, time.perf_counter()
         while (seconds := time.perf_counter() - start) < SECONDS:
             env.step(env.action_space.sample())

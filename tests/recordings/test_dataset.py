@@ -77,6 +77,8 @@ def test_sequences_are_the_recorded_arrays(folder: Path, make_recording: Make) -
     for i in (0, 19):
         recording = make_recording(i)
         np.testing.assert_array_equal(sequences.frames[i], recording.frames)
+        assert recording.action is not None
+        assert recording.qpos is not None
         np.testing.assert_allclose(sequences.actions[i], recording.action, atol=1e-12)
         np.testing.assert_allclose(sequences.qpos[i], recording.qpos, atol=1e-12)
 

@@ -173,7 +173,8 @@ def test_damaged_arrays_are_refused(stored: Path, name: str, damage: str) -> Non
             np.save(file, np.zeros(3))
     elif damage == "pickle":
         key = "frames" if name == "frames.npz" else "qpos"
-        np.savez(path, **{key: np.array([{"a": 1}], object)})
+        arrays: dict[str, Any] = {key: np.array([{"a": 1}], object)}
+        np.savez(path, **arrays)
     else:
         middle = len(data) // 3
         path.write_bytes(
