@@ -1,6 +1,13 @@
 """Sphinx configuration; `make docs` builds with warnings as errors."""
 
+import importlib
+import inspect
 from importlib import metadata
+
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
 
 project = "KeyCLD"
 author = "The KeyCLD developers"
@@ -20,3 +27,23 @@ autodoc_typehints_format = "short"
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
+
+
+class MarkdownDocstring(SphinxDirective):
+    """`{markdown-docstring} package.Name`: a docstring written in Markdown, as Gymnasium's environments have."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Parse the docstring where the directive stands, its headings one level down."""
+        module, _, name = self.arguments[0].rpartition(".")
+        text = inspect.getdoc(getattr(importlib.import_module(module), name)) or ""
+        lines = [f"#{line}" if line.startswith("#") else line for line in text.partition("\nRaises:")[0].splitlines()]
+        container = nodes.section()
+        self.state.nested_parse(StringList(lines, self.arguments[0]), 0, container, match_titles=True)
+        return container.children
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    app.add_directive("markdown-docstring", MarkdownDocstring)
