@@ -164,7 +164,7 @@ def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int) -> Rec
         joint_names=tuple(joint.name for joint in env.system.joints),
         actuator_names=env.system.actuators,
         units={
-            "action": "control unit of the actuator",
+            "action": _action_units(env.model),
             "qpos": tuple("rad" if hinge else "m" for hinge in hinges),
             "qvel": tuple("rad/s" if hinge else "m/s" for hinge in hinges),
         },
@@ -198,6 +198,17 @@ def make_env(settings: CollectSettings) -> KeyCLDEnv:
     if not isinstance(env, KeyCLDEnv):
         raise InputError(f"{settings.env_id} is no KeyCLD environment; declare it as a keycld_envs.System.")
     return env
+
+
+def _action_units(model: mujoco.MjModel) -> tuple[str, ...]:
+    """The force or torque of action 1, one per actuator: "4 N", "2 N m"; "control" for one that is no plain motor."""
+    units = []
+    for i in range(model.nu):
+        motor = model.actuator_gainprm[i, 0] == 1 and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
+        on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+        slide = on_joint and model.jnt_type[model.actuator_trnid[i, 0]] == mujoco.mjtJoint.mjJNT_SLIDE
+        units.append(f"{model.actuator_gear[i, 0]:g} {'N' if slide else 'N m'}" if motor and on_joint else "control")
+    return tuple(units)
 
 
 def _describe_camera(env: KeyCLDEnv) -> dict[str, Any]:

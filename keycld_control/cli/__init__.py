@@ -9,6 +9,7 @@ Exit codes: 0, 2 for input that cannot be used (one sentence on stderr), 130 aft
 
 import ast
 import difflib
+import errno
 import importlib
 import pkgutil
 import sys
@@ -47,6 +48,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command.run(args)
     except _input_errors() as error:
         print(f"keycld: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        if error.errno not in (errno.EACCES, errno.EROFS, errno.ENOSPC):
+            raise
+        print(f"keycld: {error.filename or 'The disk'} cannot be written: {error.strerror}.", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("keycld: interrupted", file=sys.stderr)

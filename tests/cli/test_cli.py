@@ -1,5 +1,6 @@
 """The `keycld` command: output, exit codes, and what it does on a machine where something is missing."""
 
+import errno
 import json
 import os
 import subprocess
@@ -89,6 +90,14 @@ def test_input_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit) as end:
         main(["collect", "acrobot", "--out", out, "--seed", "one"])
     assert end.value.code == 2
+
+
+def test_a_full_disk_is_no_traceback(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def fail(args: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "data/a")
+
+    monkeypatch.setattr("keycld_control.cli.doctor.run", fail)
+    assert refused(capsys, "doctor") == "keycld: data/a cannot be written: No space left on device.\n"
 
 
 def test_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,6 +36,7 @@ def test_collecting(tmp_path: Path) -> None:
     assert sequences.frames.shape == (3, 4, 16, 16, 3)
     assert sequences.actions.shape == (3, 3, 2)
     assert sequences.timestep == pytest.approx(0.01)
+    assert first.units == {"action": ("4 N", "1 N m"), "qpos": ("m", "rad"), "qvel": ("m/s", "rad/s")}
     assert first.qpos is not None
     assert first.qvel is not None
     np.testing.assert_array_equal(first.qvel[0], 0)
