@@ -47,7 +47,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
 
     ## Observation Space
     - `obs_type="pixels"`: `Box(0, 255, (height, width, 3), uint8)`, RGB, row 0 at the top.
-    - `obs_type="state"`: `Box(-inf, inf, (nq + nv,), float64)`, joint positions (rad, m; hinges unwrapped, 0 is
+    - `obs_type="state"`: `Box(-3.4e38, 3.4e38, (nq + nv,), float64)`, joint positions (rad, m; hinges unwrapped, 0 is
       upright) and joint velocities (rad/s, m/s).
     - `obs_type="pixels_state"`: a `Dict` of both, keys "pixels" and "state".
 
@@ -232,7 +232,8 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
 
     def _observation_space(self) -> spaces.Space[Any]:
         pixels = spaces.Box(0, 255, (self.height, self.width, 3), np.uint8)
-        state = spaces.Box(-np.inf, np.inf, (self.model.nq + self.model.nv,), np.float64)
+        bound = float(np.finfo(np.float32).max)  # any finite number: Gymnasium warns of infinite bounds
+        state = spaces.Box(-bound, bound, (self.model.nq + self.model.nv,), np.float64)
         both = spaces.Dict({"pixels": pixels, "state": state})
         return {"pixels": pixels, "state": state, "pixels_state": both}[self.obs_type]
 

@@ -1,5 +1,7 @@
 """`System`: everything the library needs to know about a mechanism, declared once as data."""
 
+import copy
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -125,7 +127,7 @@ class System:
     tolerance: Tolerance = Tolerance()
 
     def compile(self) -> mujoco.MjModel:
-        """Compile the MJCF and check that the declaration fits it.
+        """A new model from the MJCF, checked against the declaration.
 
         Raises:
             InputError: if the MJCF does not compile or a declared name, number or time step disagrees with it.
@@ -134,7 +136,7 @@ class System:
             if isinstance(self.mjcf, Path):
                 model = mujoco.MjModel.from_xml_path(str(self.mjcf), dict(self.assets))
             else:
-                model = mujoco.MjModel.from_xml_string(self.mjcf, dict(self.assets))
+                model = copy.copy(_compile_text(self.mjcf, tuple(self.assets.items())))
         except ValueError as error:
             raise InputError(f"The MJCF of system {self.name!r} does not compile: {error}.") from error
         self._check(model)
@@ -209,3 +211,9 @@ class System:
                 f"The time step of system {self.name!r} ({self.timestep} s) is no whole multiple of its MJCF's "
                 f"({model.opt.timestep} s)."
             )
+
+
+@functools.lru_cache(maxsize=8)
+def _compile_text(mjcf: str, assets: tuple[tuple[str, bytes], ...]) -> mujoco.MjModel:
+    """Compiling draws the textures anew (60 ms), copying does not (2 ms): never hand out the cached model itself."""
+    return mujoco.MjModel.from_xml_string(mjcf, dict(assets))
