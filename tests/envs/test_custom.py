@@ -9,41 +9,14 @@ import numpy as np
 import pytest
 
 import keycld_envs
-from keycld_envs import InputError, Joint, KeyCLDEnv, Landmark, Mechanism, Slider, System
-
-MJCF = """
-<mujoco>
-  <option timestep="0.005"/>
-  <worldbody>
-    <light pos="0 -1 2"/>
-    <camera name="front" pos="0 -2 0" zaxis="0 -1 0"/>
-    <body name="cart">
-      <joint name="rail" type="slide" axis="1 0 0"/>
-      <geom type="box" size=".1 .1 .1" mass="2"/>
-    </body>
-  </worldbody>
-  <actuator><motor name="push" joint="rail" ctrllimited="true" ctrlrange="-2 2"/></actuator>
-</mujoco>
-"""
-SYSTEM = System(
-    name="slider",
-    mjcf=MJCF,
-    joints=(Joint("rail", "slide", (-0.5, 0.5)),),
-    actuators=("push",),
-    mechanism=Mechanism(num_keypoints=1, num_actions=1, sliders=(Slider(0),)),
-    landmarks=(Landmark("cart"),),
-    camera="front",
-    timestep=0.02,
-    target_qpos=(0.0,),
-    hanging_qpos=(0.3,),
-)
+from keycld_envs import InputError, Joint, KeyCLDEnv, Landmark, System
 
 
 @pytest.mark.render
-def test_a_system_of_ones_own(tmp_path: Path) -> None:
+def test_a_system_of_ones_own(slider: System, tmp_path: Path) -> None:
     path = tmp_path / "slider.xml"
-    path.write_text(MJCF)
-    env = KeyCLDEnv(replace(SYSTEM, mjcf=path))
+    path.write_text(str(slider.mjcf))
+    env = KeyCLDEnv(replace(slider, mjcf=path))
     image, info = env.reset(options={"qpos": [0.3]})
     x, y = env.keypoints()[0]
     column, row = round((x + 1) / 2 * 63), round((1 - y) / 2 * 63)
@@ -55,8 +28,8 @@ def test_a_system_of_ones_own(tmp_path: Path) -> None:
     env.close()
 
 
-def test_without_a_reward_it_is_one_at_the_target() -> None:
-    env = KeyCLDEnv(SYSTEM, obs_type="state")
+def test_without_a_reward_it_is_one_at_the_target(slider: System) -> None:
+    env = KeyCLDEnv(slider, obs_type="state")
     env.reset(options={"qpos": [0.05]})
     assert env.step([0.0])[1] == 1
     env.reset(options={"qpos": [0.15]})
@@ -64,8 +37,8 @@ def test_without_a_reward_it_is_one_at_the_target() -> None:
     assert env.action_space == gym.spaces.Box(-2, 2, (1,), np.float32)  # the MJCF's own range
 
 
-def test_register() -> None:
-    keycld_envs.register(SYSTEM, "Test/Slider-v0", max_episode_steps=5)
+def test_register(slider: System) -> None:
+    keycld_envs.register(slider, "Test/Slider-v0", max_episode_steps=5)
     try:
         env = gym.make("Test/Slider-v0", obs_type="state")
         assert env.reset(seed=0)[0].shape == (2,)
@@ -89,6 +62,6 @@ def test_register() -> None:
         ({"timestep": 0.012}, "no whole multiple"),
     ],
 )
-def test_a_declaration_that_does_not_fit(change: dict[str, Any], message: str) -> None:
+def test_a_declaration_that_does_not_fit(slider: System, change: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        KeyCLDEnv(replace(SYSTEM, **change))
+        KeyCLDEnv(replace(slider, **change))
