@@ -1,0 +1,1 @@
+"""What is measured, one file per subject; `keycld bench` prints it all."""

@@ -1,0 +1,74 @@
+"""Frames per second of the environments, against dm_control's own pixels in the same process."""
+
+import importlib
+import time
+from collections.abc import Callable
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+
+from keycld_envs import KeyCLDEnv
+
+SYSTEMS = ("pendulum", "cartpole", "acrobot")
+SIZE = 64
+
+
+def frames_per_second(repeats: int = 9, steps: int = 40) -> dict[str, dict[str, float]]:
+    """Step the three systems with a 64 x 64 image each step: dm_control, and KeyCLD in both render qualities.
+
+    The three take turns, so that other load on the machine meets all alike.
+
+    Args:
+        repeats: number of turns; medians over turns are returned.
+        steps: steps per turn.
+
+    Returns:
+        system -> fps_dm_control, fps_fast, fps_full (frames per second), ratio_fast and ratio_full (against
+        dm_control within the same turn).
+    """
+    return {system: _measure(system, repeats, steps) for system in SYSTEMS}
+
+
+def _measure(system: str, repeats: int, steps: int) -> dict[str, float]:
+    with (
+        closing(_dm_control(system)) as theirs,
+        closing(KeyCLDEnv(system, render_quality="fast")) as fast,
+        closing(KeyCLDEnv(system, render_quality="full")) as full,
+    ):
+        action = np.zeros(theirs.action_spec().shape)
+        turns = (lambda: theirs.step(action), _stepper(fast), _stepper(full))
+        theirs.reset()
+        for warm_up in turns:
+            warm_up()
+        seconds = np.array([[_time(step, steps) for step in turns] for _ in range(repeats)])
+    dm_control, fast_fps, full_fps = np.median(steps / seconds, axis=0)
+    ratio_fast, ratio_full = np.median(seconds[:, :1] / seconds[:, 1:], axis=0)
+    return {
+        "fps_dm_control": round(float(dm_control), 1),
+        "fps_fast": round(float(fast_fps), 1),
+        "fps_full": round(float(full_fps), 1),
+        "ratio_fast": round(float(ratio_fast), 2),
+        "ratio_full": round(float(ratio_full), 2),
+    }
+
+
+def _dm_control(system: str) -> Any:
+    # imported here: dm_control opens its OpenGL display when imported
+    from dm_control.suite.wrappers import pixels
+
+    env = importlib.import_module(f"dm_control.suite.{system}").swingup(time_limit=float("inf"))
+    return pixels.Wrapper(env, render_kwargs={"height": SIZE, "width": SIZE, "camera_id": 0})
+
+
+def _stepper(env: KeyCLDEnv) -> Callable[[], Any]:
+    env.reset(seed=0)
+    action = np.zeros(env.model.nu)
+    return lambda: env.step(action)
+
+
+def _time(step: Callable[[], Any], steps: int) -> float:
+    start = time.perf_counter()
+    for _ in range(steps):
+        step()
+    return time.perf_counter() - start
