@@ -1,0 +1,111 @@
+"""What a world model is made of, as frozen dataclasses. One field changed is one ablation."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+from keycld_envs.errors import InputError
+from keycld_envs.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """The networks. The defaults are for 2 CPU cores; `PAPER_NETWORKS` has the paper's values.
+
+    Attributes:
+        width: channels at the finest level of both hourglasses.
+        groups: groups of their normalisations.
+        folding: 2 folds 2x2 pixels into channels (a quarter of the arithmetic), 1 works at full resolution.
+        saliency: initial attention of the heatmaps to what differs from the mean frame; 0 has none.
+        constants: channels of the renderer's constant tensor; None makes it and the Gaussian maps `width` together.
+        gaussian_width: standard deviation of the Gaussian maps, image units.
+        segment_widths: standard deviations of distance maps of the rods, image units; empty has none.
+        background: the renderer adds a learned logit per pixel, which starts at the mean frame.
+        hidden: width of the hidden layers of V(x) and g(x).
+        force_scale: factor on the outputs of V and g.
+        kernel_scale: standard deviation of their initial weights; None scales with the layer's width.
+    """
+
+    width: int = 16
+    groups: int = 4
+    folding: int = 2
+    saliency: float = 20.0
+    constants: int | None = 8
+    gaussian_width: float = 0.1
+    segment_widths: tuple[float, ...] = (0.05, 0.15)
+    background: bool = True
+    hidden: int = 32
+    force_scale: float = 10.0
+    kernel_scale: float | None = None
+
+
+PAPER_NETWORKS = NetworkConfig(
+    width=32,
+    groups=8,
+    folding=1,
+    saliency=0.0,
+    constants=None,
+    segment_widths=(),
+    background=False,
+    force_scale=1.0,
+    kernel_scale=0.01,
+)
+"""Appendix A.4 and table 2 of the KeyCLD paper."""
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """A world model's architecture and the system it is for.
+
+    Attributes:
+        mechanism: keypoints, rods and sliders.
+        timestep: seconds between frames.
+        image_shape: (H, W), pixels, multiples of 4 times the folding.
+        system: environment id, or None for a system without one.
+        networks: sizes of the networks.
+    """
+
+    mechanism: Mechanism
+    timestep: float
+    image_shape: tuple[int, int] = (64, 64)
+    system: str | None = None
+    networks: NetworkConfig = NetworkConfig()
+
+    def __post_init__(self) -> None:
+        multiple = 4 * self.networks.folding
+        if any(size < multiple or size % multiple for size in self.image_shape):
+            raise InputError(
+                f"Frames of {self.image_shape[1]}x{self.image_shape[0]} pixels do not fit the networks; width and "
+                f"height must be multiples of {multiple}."
+            )
+        if not self.timestep > 0:
+            raise InputError(f"timestep is {self.timestep}; it must be positive, in seconds between frames.")
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-compatible data, the inverse of `from_dict`."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "ModelConfig":
+        """Read what `to_dict` wrote.
+
+        Raises:
+            InputError: if a field is missing or unknown.
+        """
+        try:
+            networks = dict(data["networks"])
+            networks["segment_widths"] = tuple(networks["segment_widths"])
+            missing = {f.name for f in fields(NetworkConfig)} - set(networks)
+            if missing:
+                raise KeyError(*sorted(missing))
+            return cls(
+                mechanism=Mechanism.from_dict(data["mechanism"]),
+                timestep=float(data["timestep"]),
+                image_shape=(int(data["image_shape"][0]), int(data["image_shape"][1])),
+                system=data["system"],
+                networks=replace(NetworkConfig(), **networks),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"The model configuration has a missing or unknown field: {error}.") from error

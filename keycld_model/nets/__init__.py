@@ -1,0 +1,7 @@
+"""Networks: images to keypoints, keypoints to images, positions to scalars and matrices. They know no physics."""
+
+from keycld_model.nets.estimator import KeypointEstimator
+from keycld_model.nets.mlp import MLP
+from keycld_model.nets.renderer import Renderer
+
+__all__ = ["MLP", "KeypointEstimator", "Renderer"]
