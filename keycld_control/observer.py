@@ -1,0 +1,60 @@
+"""Positions and velocities from one image after another: a Kalman filter that predicts with the learned dynamics.
+
+A difference of keypoints is late by half its window and noisy. Here the model itself moves the estimate from one frame
+to the next, under the action that was really applied, so the estimate is not late; the new keypoints only correct it.
+The correction is that of the steady-state Kalman filter for a point under white acceleration noise, the same for all
+coordinates, started with an unknown velocity, so that the first frames count more.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from keycld_control.plant import Plant, acceleration, project
+from keycld_model.numerics import rk4_step
+
+KEYPOINT_NOISE = 0.004
+"""Standard deviation of the encoder's keypoints, image units."""
+ACCELERATION_NOISE = 2.0
+"""Standard deviation of the model's acceleration, image units per second squared."""
+INITIAL_SPEED = 3.0
+"""Standard deviation of the unknown velocity in the first frame, image units per second."""
+LOST = 0.25
+"""Keypoints further than this from their prediction, image units, start the filter anew."""
+
+
+class Estimate(NamedTuple):
+    """What the observer knows.
+
+    Attributes:
+        x: `[n]` positions, on the manifold.
+        v: `[n]` velocities, tangent to it.
+        covariance: `[3]` variance of a position, covariance with its velocity, variance of the velocity.
+    """
+
+    x: Array
+    v: Array
+    covariance: Array
+
+
+def first_estimate(plant: Plant, keypoints: Array) -> Estimate:
+    """Start at keypoints `[n]`, at rest but uncertain of it."""
+    x, v = project(plant, keypoints, jnp.zeros_like(keypoints), iterations=3)
+    return Estimate(x, v, jnp.array([KEYPOINT_NOISE**2, 0.0, INITIAL_SPEED**2], keypoints.dtype))
+
+
+def next_estimate(plant: Plant, estimate: Estimate, action: Array, keypoints: Array) -> Estimate:
+    """Predict one frame ahead under the action `[m]`, then correct with the keypoints `[n]` seen there."""
+    h = plant.timestep
+    x, v = rk4_step(lambda x, v: acceleration(plant, x, v, action), estimate.x, estimate.v, h)
+    p, c, s = estimate.covariance
+    q = ACCELERATION_NOISE**2
+    p, c, s = p + 2 * h * c + h**2 * s + q * h**4 / 4, c + h * s + q * h**3 / 2, s + q * h**2
+    gain_x, gain_v = p / (p + KEYPOINT_NOISE**2), c / (p + KEYPOINT_NOISE**2)
+    surprise = keypoints - x
+    x, v = project(plant, x + gain_x * surprise, v + gain_v * surprise)
+    seen = Estimate(x, v, jnp.stack([(1 - gain_x) * p, (1 - gain_x) * c, s - gain_v * c]))
+    found = jnp.max(jnp.abs(surprise)) < LOST  # also false for NaN
+    return jax.tree.map(lambda a, b: jnp.where(found, a, b), seen, first_estimate(plant, keypoints))

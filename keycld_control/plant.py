@@ -1,0 +1,95 @@
+"""What a controller reads from a world model, and the model's equations of motion written for control."""
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from keycld_envs.mechanism import Mechanism
+from keycld_model import physics
+
+
+class Plant(Protocol):
+    """The part of a world model that the physics of control needs; `keycld_model.WorldModel` provides it.
+
+    Attributes:
+        mechanism: the declared mechanism.
+        masses: `[K]`, their sum is 1, which fixes the common scale of (M, V, g).
+        level: `[c]` values of the constraints.
+        pivot: `[2]`, image units.
+        timestep: seconds per frame.
+        potential_energy_fn: positions `[n]` to V (scalar).
+        input_matrix_fn: positions `[n]` to g `[n, m]`.
+    """
+
+    mechanism: Mechanism
+    masses: Array
+    level: Array
+    pivot: Array
+    timestep: float
+    potential_energy_fn: Callable[[Array], Array]
+    input_matrix_fn: Callable[[Array], Array]
+
+
+class Response(NamedTuple):
+    """The acceleration of the model as an affine function of the action: x'' = free + inputs @ u.
+
+    Attributes:
+        free: `[n]` acceleration without action, image units per second squared.
+        inputs: `[n, m]` acceleration per unit of action. Its columns are possible motions of the mechanism.
+        weight: `[n]` the diagonal of M, the metric in which accelerations are compared.
+    """
+
+    free: Array
+    inputs: Array
+    weight: Array
+
+    @property
+    def gram(self) -> Array:
+        """H = A' M A, `[m, m]`; entry i, j is what action j changes in the acceleration of actuator i."""
+        return (self.inputs.T * self.weight) @ self.inputs
+
+    def demand(self, acceleration: Array) -> Array:
+        """A' M (`acceleration` - free), `[m]`: H u equals this where u achieves the acceleration `[n]` exactly."""
+        return (self.inputs.T * self.weight) @ (acceleration - self.free)
+
+
+def responses(plant: Plant, x: Array, v: Array) -> tuple[Response, Response]:
+    """The response in motion, and the one at rest in the same place.
+
+    Constraint forces are solved for, so that only those components of grad V and g matter that can move the
+    mechanism; the others are arbitrary in a learned model.
+
+    Args:
+        plant: the model.
+        x: `[n]` positions on the manifold.
+        v: `[n]` velocities.
+    """
+    force = -jax.grad(plant.potential_energy_fn)(x)
+    rest = jnp.zeros_like(v)
+
+    def accelerate(force: Array, v: Array) -> Array:
+        return physics.acceleration(plant.mechanism, plant.masses, force, x, v, plant.pivot)
+
+    inputs = jax.vmap(accelerate, (1, None), 1)(plant.input_matrix_fn(x), rest)
+    weight = jnp.repeat(plant.masses, 2)
+    return Response(accelerate(force, v), inputs, weight), Response(accelerate(force, rest), inputs, weight)
+
+
+def acceleration(plant: Plant, x: Array, v: Array, u: Array) -> Array:
+    """Acceleration x'' `[n]` under the action u `[m]`."""
+    force = plant.input_matrix_fn(x) @ u - jax.grad(plant.potential_energy_fn)(x)
+    return physics.acceleration(plant.mechanism, plant.masses, force, x, v, plant.pivot)
+
+
+def project(plant: Plant, x: Array, v: Array, iterations: int = 1) -> tuple[Array, Array]:
+    """Positions `[n]` moved on to the manifold, and velocities `[n]` made tangent to it."""
+    x = physics.project_position(plant.mechanism, plant.masses, plant.level, x, plant.pivot, iterations)
+    return x, physics.project_velocity(plant.mechanism, plant.masses, x, v, plant.pivot)
+
+
+def energy(plant: Plant, x: Array, v: Array) -> Array:
+    """T + V (scalar)."""
+    return physics.kinetic_energy(plant.masses, v) + plant.potential_energy_fn(x)
