@@ -1,0 +1,6 @@
+"""KeyCLD world models: keypoints, a constrained Lagrangian and a renderer, learned from images."""
+
+from keycld_model.config import ModelConfig, NetworkConfig
+from keycld_model.world_model import Prediction, WorldModel
+
+__all__ = ["ModelConfig", "NetworkConfig", "Prediction", "WorldModel"]

@@ -1,0 +1,107 @@
+"""Checkpoints: a folder with `weights.safetensors` and `checkpoint.json`, never pickle."""
+
+import json
+import os
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from keycld_envs.errors import InputError
+from keycld_envs.files import atomic_file
+
+SCHEMA = "keycld.checkpoint/1"
+WEIGHTS, META = "weights.safetensors", "checkpoint.json"
+Tree = dict[str, Any]
+
+
+def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, NDArray[Any]]:
+    """A nested dictionary of arrays as one level with keys "a/b/c"."""
+    flat: dict[str, NDArray[Any]] = {}
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            flat |= flatten(value, f"{prefix}{key}/")
+        else:
+            flat[f"{prefix}{key}"] = np.ascontiguousarray(value)
+    return flat
+
+
+def unflatten(flat: Mapping[str, Any]) -> Tree:
+    """The inverse of `flatten`."""
+    tree: Tree = {}
+    for path, value in flat.items():
+        *folders, name = path.split("/")
+        node = tree
+        for folder in folders:
+            node = node.setdefault(folder, {})
+        node[name] = value
+    return tree
+
+
+def versions() -> dict[str, str]:
+    """Versions of what made a checkpoint."""
+    found = {}
+    for name in ("keycld", "jax", "flax", "optax", "numpy"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def write_checkpoint(folder: str | os.PathLike[str], tensors: Mapping[str, Any], meta: Mapping[str, Any]) -> Path:
+    """Write a checkpoint; a kill leaves either the old one or the new one.
+
+
+    Args:
+        folder: created if absent.
+        tensors: nested dictionary of arrays.
+        meta: JSON-compatible description, stored beside schema and versions.
+
+    Returns:
+        The folder.
+    """
+    folder = Path(folder)
+    text = json.dumps({"schema": SCHEMA, **meta, "versions": versions()}, indent=1)
+    payload = save(flatten(tensors), {"checkpoint": text})
+    with atomic_file(folder / WEIGHTS) as file:
+        file.write(payload)
+    with atomic_file(folder / META, "w") as file:
+        file.write(text + "\n")
+    return folder
+
+
+def read_checkpoint(folder: str | os.PathLike[str]) -> tuple[Tree, dict[str, Any]]:
+    """Read and check what `write_checkpoint` wrote.
+
+    The weights file holds the description too; it counts, so a kill between the two writes does no harm.
+
+    Returns:
+        The nested dictionary of arrays, and the description.
+
+    Raises:
+        InputError: if a file is missing, damaged or of another version.
+    """
+    folder = Path(folder)
+    path = folder / WEIGHTS
+    if not path.is_file():
+        raise InputError(f"{folder} holds no {WEIGHTS}; name a checkpoint folder, as `keycld train` writes it.")
+    payload = path.read_bytes()
+    try:
+        length = int.from_bytes(payload[:8], "little")
+        header = json.loads(payload[8 : 8 + length])
+        meta = json.loads(header["__metadata__"]["checkpoint"])
+        tensors = load(payload)
+    except (SafetensorError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path} is damaged ({error}); train again or restore a copy.") from error
+    if meta.get("schema") != SCHEMA:
+        raise InputError(
+            f"{path} has schema {meta.get('schema')!r}, this version reads {SCHEMA!r}; "
+            f"use the keycld version that wrote it ({meta.get('versions', {}).get('keycld', 'unknown')}) or train again."
+        )
+    return unflatten(tensors), meta

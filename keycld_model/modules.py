@@ -1,0 +1,83 @@
+"""The networks and dynamics of a configuration, as functions of plain parameter dictionaries.
+
+Parameters are plain nested dictionaries of arrays, not NNX states: each `nnx.Variable` costs host time at every
+dispatch, and dictionaries go to the optimiser and into safetensors as they are.
+"""
+
+from functools import cached_property
+from typing import Any
+
+import jax.numpy as jnp
+from flax import nnx
+from jax import Array
+
+from keycld_model.config import ModelConfig
+from keycld_model.dynamics import Dynamics
+from keycld_model.nets import KeypointEstimator, Renderer
+
+Parameters = dict[str, Any]
+"""{"estimator": …, "renderer": …, "dynamics": …}, nested dictionaries of arrays."""
+
+
+class Parts:
+    """Keypoint estimator, renderer and dynamics of one configuration.
+
+    Args:
+        config: the architecture.
+    """
+
+    def __init__(self, config: ModelConfig) -> None:
+        self.config = config
+
+    def _build(self, seed: int) -> dict[str, nnx.Module]:
+        net, mechanism = self.config.networks, self.config.mechanism
+        k, rngs = mechanism.num_keypoints, nnx.Rngs(seed)
+        return {
+            "estimator": KeypointEstimator(
+                k, self.config.image_shape, net.width, net.groups, net.folding, net.saliency, rngs
+            ),
+            "renderer": Renderer(
+                k,
+                tuple((rod.start, rod.end) for rod in mechanism.rods) if net.segment_widths else (),
+                self.config.image_shape,
+                net.width,
+                net.groups,
+                net.folding,
+                net.width - k if net.constants is None else net.constants,
+                net.gaussian_width,
+                net.segment_widths,
+                net.background,
+                rngs,
+            ),
+            "dynamics": Dynamics(mechanism, net.hidden, net.force_scale, net.kernel_scale, rngs),
+        }
+
+    @cached_property
+    def _graphs(self) -> dict[str, nnx.GraphDef[Any]]:
+        return {name: nnx.graphdef(module) for name, module in self._build(0).items()}
+
+    def initial(self, seed: int) -> Parameters:
+        """Fresh parameters."""
+        return {name: nnx.to_pure_dict(nnx.state(module)) for name, module in self._build(seed).items()}
+
+    def _module(self, name: str, parameters: Parameters) -> Any:
+        return nnx.merge(self._graphs[name], nnx.State(parameters[name]))
+
+    def dynamics(self, parameters: Parameters) -> Dynamics:
+        """The dynamics with these parameters."""
+        return self._module("dynamics", parameters)
+
+    def keypoints(self, parameters: Parameters, images: Array) -> Array:
+        """Keypoints `[B, n]` of images `[B, H, W, 3]`, uint8 or float in 0 to 1."""
+        keypoints = self._module("estimator", parameters)(as_float(images))
+        return keypoints.reshape(keypoints.shape[0], -1)
+
+    def render(self, parameters: Parameters, x: Array) -> Array:
+        """Images `[B, H, W, 3]` of positions `[B, n]`."""
+        pivot = parameters["dynamics"]["pivot"]
+        return self._module("renderer", parameters)(x.reshape(x.shape[0], -1, 2), pivot)
+
+
+def as_float(images: Array) -> Array:
+    """uint8 levels as floats in 0 to 1; floats as they are."""
+    return images.astype(jnp.float32) / 255.0 if images.dtype == jnp.uint8 else images

@@ -1,0 +1,295 @@
+"""`WorldModel`: keypoints, constrained Lagrangian and renderer, ready to use."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import ArrayLike, NDArray
+
+from keycld_envs.errors import InputError
+from keycld_envs.mechanism import Mechanism
+from keycld_model.checkpoint import read_checkpoint, write_checkpoint
+from keycld_model.config import ModelConfig
+from keycld_model.modules import Parameters, Parts
+from keycld_model.physics import mass_matrix
+from keycld_model.state_estimation import estimate_state
+
+Floats = NDArray[np.float32]
+CONTEXT_FRAMES = 5
+"""Frames from which a prediction starts unless told otherwise."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a model expects to happen.
+
+    Attributes:
+        frames: [T, H, W, 3] float32, 0 to 1; frame 0 is the first given frame, as the model sees it.
+        keypoints: [T, K, 2], image units.
+        velocities: [T, K, 2], image units per second.
+    """
+
+    frames: Floats
+    keypoints: Floats
+    velocities: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class WorldModel:
+    """A learned world model of one mechanism.
+
+    Positions are in image units: pixel centres span -1 to 1, x to the right, y up. Time is in seconds. Forces and
+    energies are per total mass: sum(masses) = 1 fixes the scale that motion alone leaves open.
+
+    Attributes:
+        config: architecture, mechanism, seconds between frames, image size.
+        parameters: nested dictionary of arrays.
+        name: where the model came from: a shipped name or a path.
+        meta: what the checkpoint says about its training.
+    """
+
+    config: ModelConfig
+    parameters: Parameters
+    name: str = "untitled"
+    meta: dict[str, Any] | None = None
+
+    @classmethod
+    def load(cls, source: str | os.PathLike[str]) -> "WorldModel":
+        """Load shipped weights by a system's name, or a checkpoint folder.
+
+        Args:
+            source: "pendulum", "cartpole", "acrobot", or the path of a checkpoint.
+
+        Raises:
+            InputError: if there is no such model, or it is damaged or of another version.
+        """
+        folder = Path(source)
+        if not folder.exists():
+            shipped = shipped_models()
+            if str(source) not in shipped:
+                raise InputError(
+                    f"There is no checkpoint {os.fspath(source)!r}; give the path of a checkpoint folder or one of the "
+                    f"shipped models: {', '.join(sorted(shipped)) or 'none in this installation'}."
+                )
+            folder = shipped[str(source)]
+        tensors, meta = read_checkpoint(folder)
+        if "config" not in meta or "model" not in tensors:
+            raise InputError(f"{folder} is not a world model; name the checkpoint folder that `keycld train` wrote.")
+        config = ModelConfig.from_dict(meta["config"])
+        parameters = jax.tree.map(jnp.asarray, tensors["model"])
+        expected = jax.tree.map(jnp.shape, Parts(config).initial(0))
+        if jax.tree.map(jnp.shape, parameters) != expected:
+            raise InputError(f"{folder} does not hold the arrays that its own configuration asks for; train again.")
+        return cls(config, parameters, os.fspath(source), meta)
+
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Write a checkpoint (safetensors and JSON) that `load` reads."""
+        meta = {k: v for k, v in (self.meta or {}).items() if k not in ("schema", "versions", "config")}
+        return write_checkpoint(folder, {"model": self.parameters}, {"config": self.config.to_dict(), **meta})
+
+    # What the model is of -------------------------------------------------------------------------------------------
+
+    @property
+    def system(self) -> str | None:
+        """Environment id the model was trained on, or None."""
+        return self.config.system
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """Keypoints, rods and sliders."""
+        return self.config.mechanism
+
+    @property
+    def timestep(self) -> float:
+        """Seconds between frames."""
+        return self.config.timestep
+
+    @property
+    def image_shape(self) -> tuple[int, int]:
+        """(H, W), pixels."""
+        return self.config.image_shape
+
+    @cached_property
+    def masses(self) -> Floats:
+        """[K] point masses, fractions of the total."""
+        return np.asarray(self.parts.dynamics(self.parameters).masses)
+
+    @cached_property
+    def level(self) -> Floats:
+        """[c] constants of the constraints: half squared rod lengths, slider offsets; image units."""
+        return np.asarray(self.parameters["dynamics"]["level"])
+
+    @cached_property
+    def pivot(self) -> Floats:
+        """[2] position of the fixed pivot, image units."""
+        return np.asarray(self.parameters["dynamics"]["pivot"])
+
+    # Pure functions of one frame or state, to be traced into larger programs ----------------------------------------
+
+    @cached_property
+    def parts(self) -> "Parts":
+        """The modules, to be applied to `parameters`."""
+        return Parts(self.config)
+
+    def keypoints_fn(self, image: Array) -> Array:
+        """Keypoints `[n]` of one image `[H, W, 3]`, uint8 or float in 0 to 1. JAX-traceable."""
+        return self.parts.keypoints(self.parameters, image[None])[0]
+
+    def potential_energy_fn(self, x: Array) -> Array:
+        """V (scalar) of positions `[n]`. JAX-traceable."""
+        return self.parts.dynamics(self.parameters).potential_energy(x)
+
+    def input_matrix_fn(self, x: Array) -> Array:
+        """g `[n, m]` of positions `[n]`. JAX-traceable."""
+        return self.parts.dynamics(self.parameters).input_matrix(x)
+
+    def render_fn(self, x: Array) -> Array:
+        """Image `[H, W, 3]` in 0 to 1 of positions `[n]`. JAX-traceable."""
+        return self.parts.render(self.parameters, x[None])[0]
+
+    # The same for arrays with any leading dimensions ----------------------------------------------------------------
+
+    def keypoints(self, images: ArrayLike) -> Floats:
+        """Find the keypoints.
+
+        Args:
+            images: [..., H, W, 3], uint8, or float in 0 to 1.
+
+        Returns:
+            [..., K, 2], image units.
+
+        Raises:
+            InputError: if the images have another size or hold NaN.
+        """
+        array = self._images(images)
+        flat = self._keypoints(self.parameters, array.reshape(-1, *array.shape[-3:]))
+        return flat.reshape(*array.shape[:-3], self.mechanism.num_keypoints, 2)
+
+    def render(self, x: ArrayLike) -> Floats:
+        """Draw frames [..., H, W, 3] (0 to 1) of keypoints [..., K, 2]."""
+        return self._map(lambda p, x: self.parts.render(p, x[None])[0], x)
+
+    def potential_energy(self, x: ArrayLike) -> Floats:
+        """V(x) of keypoints [..., K, 2]: [...], image units squared per second squared, per total mass."""
+        return self._map(lambda p, x: self.parts.dynamics(p).potential_energy(x), x)
+
+    def input_matrix(self, x: ArrayLike) -> Floats:
+        """g(x) of keypoints [..., K, 2]: [..., 2K, m], force per total mass and unit of action."""
+        return self._map(lambda p, x: self.parts.dynamics(p).input_matrix(x), x)
+
+    def mass_matrix(self) -> Floats:
+        """M, [2K, 2K], diagonal, of trace 2: every mass counts in x and in y."""
+        return np.asarray(mass_matrix(jnp.asarray(self.masses)))
+
+    def constraint(self, x: ArrayLike) -> Floats:
+        """Phi(x) - level of keypoints [..., K, 2]: [..., c], zero where the mechanism can be."""
+        return self._map(lambda p, x: self.parts.dynamics(p).constraint(x) - p["dynamics"]["level"], x)
+
+    def predict(self, images: ArrayLike, actions: ArrayLike, steps: int) -> Prediction:
+        """Predict a sequence from its first frames.
+
+        The state at the first frame is the least-squares fit of a trajectory of the model to the keypoints of all given
+        frames; the model then runs on its own.
+
+        Args:
+            images: [C, H, W, 3], the first C >= 2 frames, uint8 or float in 0 to 1.
+            actions: [steps-1, m] or longer; action i acts between frames i and i+1, frame 0 being the first given one.
+            steps: number of frames to predict, T; the first C of them are the given frames as the model sees them.
+
+        Raises:
+            InputError: if there are fewer than two frames, too few actions, or arrays of other sizes or with NaN.
+        """
+        frames = self._images(images)
+        if frames.ndim != 4 or not 2 <= len(frames):
+            raise InputError(f"images has shape {frames.shape}; a prediction starts from [C, H, W, 3], C at least 2.")
+        if steps < len(frames):
+            raise InputError(f"steps is {steps}, but {len(frames)} frames are given; ask for at least as many.")
+        u = self._actions(actions, steps - 1)
+        keypoints = self._keypoints(self.parameters, frames).reshape(1, len(frames), -1)
+        x, v = self._rollouts(self.parameters, keypoints, u[None])
+        shape = (steps, self.mechanism.num_keypoints, 2)
+        keypoints = np.asarray(x)[0].reshape(shape)
+        return Prediction(self.render(keypoints), keypoints, np.asarray(v)[0].reshape(shape))
+
+    def rollout(self, keypoints: ArrayLike, actions: ArrayLike) -> tuple[Floats, Floats]:
+        """Predict many sequences of keypoints from their first ones.
+
+        Args:
+            keypoints: [N, C, K, 2] keypoints of the first C >= 2 frames.
+            actions: [N, T-1, m].
+
+        Returns:
+            Keypoints and velocities [N, T, K, 2].
+        """
+        y = np.asarray(keypoints, np.float32)
+        x, v = self._rollouts(self.parameters, y.reshape(*y.shape[:2], -1), np.asarray(actions, np.float32))
+        return (np.asarray(x).reshape(*x.shape[:2], *y.shape[2:]), np.asarray(v).reshape(*x.shape[:2], *y.shape[2:]))
+
+    @cached_property
+    def _rollouts(self) -> Callable[[Parameters, ArrayLike, ArrayLike], tuple[Array, Array]]:
+        def one(parameters: Parameters, y: Array, u: Array) -> tuple[Array, Array]:
+            dynamics = self.parts.dynamics(parameters)
+            x, v = estimate_state(dynamics, y, u[: y.shape[0] - 1], self.timestep)
+            return dynamics.rollout(x, v, u, self.timestep)
+
+        return jax.jit(jax.vmap(one, in_axes=(None, 0, 0)))
+
+    @cached_property
+    def _keypoints(self) -> Callable[[Parameters, NDArray[Any]], Floats]:
+        function = jax.jit(self.parts.keypoints)
+
+        def in_chunks(parameters: Parameters, images: NDArray[Any], chunk: int = 64) -> Floats:
+            parts = [function(parameters, images[i : i + chunk]) for i in range(0, len(images), chunk)]
+            return np.concatenate([np.asarray(p) for p in parts])
+
+        return in_chunks
+
+    def _map(self, function: Callable[[Parameters, Array], Array], x: ArrayLike, chunk: int = 1024) -> Floats:
+        """Apply a function of one position `[n]` to keypoints [..., K, 2]."""
+        array = np.asarray(x, np.float32)
+        k = self.mechanism.num_keypoints
+        if array.shape[-2:] != (k, 2):
+            raise InputError(f"x has shape {array.shape}; this model needs keypoints of shape [..., {k}, 2].")
+        flat = array.reshape(-1, 2 * k)
+        mapped = jax.jit(jax.vmap(function, in_axes=(None, 0)))
+        parts = [np.asarray(mapped(self.parameters, flat[i : i + chunk])) for i in range(0, len(flat), chunk)]
+        result = np.concatenate(parts)
+        return result.reshape(*array.shape[:-2], *result.shape[1:])
+
+    def _images(self, images: ArrayLike) -> NDArray[Any]:
+        array = np.asarray(images)
+        h, w = self.image_shape
+        if array.ndim < 3 or array.shape[-3:] != (h, w, 3):
+            raise InputError(f"images has shape {array.shape}; this model needs [..., {h}, {w}, 3].")
+        if array.dtype != np.uint8:
+            array = array.astype(np.float32)
+            if not np.isfinite(array).all() or array.min(initial=0.0) < -1e-3 or array.max(initial=0.0) > 1 + 1e-3:
+                raise InputError("images holds values outside 0 to 1, or NaN; give uint8, or floats divided by 255.")
+        return array
+
+    def _actions(self, actions: ArrayLike, steps: int) -> Floats:
+        array = np.asarray(actions, np.float32)
+        m = self.mechanism.num_actions
+        if array.ndim != 2 or array.shape[1] != m or len(array) < steps:
+            raise InputError(f"actions has shape {array.shape}; {steps + 1} frames need [{steps}, {m}] or longer.")
+        bad = np.flatnonzero(~np.isfinite(array[:steps]).all(axis=1))
+        if bad.size:
+            raise InputError(f"actions[{bad[0]}] is not finite; every action must be a number.")
+        return array[:steps]
+
+
+def shipped_models() -> dict[str, Path]:
+    """Name and folder of every model inside the package."""
+    root = Path(str(resources.files("keycld_model"))) / "weights"
+    return {folder.name: folder for folder in sorted(root.iterdir()) if folder.is_dir()} if root.is_dir() else {}
+
+
+
