@@ -1,11 +1,11 @@
 """Explicit edits of an MJCF document in memory; an edit that does not find what it expects raises."""
 
-import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
+_ASSETS = Path(__file__).parent / "assets"
 _COMMON = ("visual", "skybox", "materials")
 
 
@@ -87,14 +87,11 @@ def edit(xml: str, *edits: Change | Insert) -> str:
 def read_suite(domain: str) -> tuple[str, dict[str, bytes]]:
     """The MJCF and assets of a dm_control suite domain, as `dm_control.suite.<domain>.get_model_and_assets()`.
 
-    Read from the installed files, because importing the suite opens an OpenGL display.
+    Read from copies in this package: dm_control does not install on every Python, and opens an OpenGL display when
+    its suite is imported.
     """
-    spec = importlib.util.find_spec("dm_control")
-    if spec is None or not spec.submodule_search_locations:
-        raise ModuleNotFoundError("dm_control is not installed; pip install dm-control.")
-    folder = Path(spec.submodule_search_locations[0]) / "suite"
-    assets = {f"./common/{name}.xml": (folder / "common" / f"{name}.xml").read_bytes() for name in _COMMON}
-    return (folder / f"{domain}.xml").read_text(encoding="utf-8"), assets
+    assets = {f"./common/{name}.xml": (_ASSETS / "common" / f"{name}.xml").read_bytes() for name in _COMMON}
+    return (_ASSETS / f"{domain}.xml").read_text(encoding="utf-8"), assets
 
 
 def _find_one(root: ElementTree.Element, path: str) -> ElementTree.Element:

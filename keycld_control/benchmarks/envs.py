@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from keycld_envs import KeyCLDEnv
+from keycld_envs import InputError, KeyCLDEnv
 
 SYSTEMS = ("pendulum", "cartpole", "acrobot")
 SIZE = 64
@@ -26,6 +26,9 @@ def frames_per_second(repeats: int = 9, steps: int = 40) -> dict[str, dict[str, 
     Returns:
         system -> fps_dm_control, fps_fast, fps_full (frames per second), ratio_fast and ratio_full (against
         dm_control within the same turn).
+
+    Raises:
+        InputError: if dm_control is not installed.
     """
     return {system: _measure(system, repeats, steps) for system in SYSTEMS}
 
@@ -55,7 +58,13 @@ def _measure(system: str, repeats: int, steps: int) -> dict[str, float]:
 
 def _dm_control(system: str) -> Any:
     # imported here: dm_control opens its OpenGL display when imported
-    from dm_control.suite.wrappers import pixels
+    try:
+        from dm_control.suite.wrappers import pixels
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"There is no dm_control to compare with ({error}); run this benchmark with Python 3.11 or 3.12, where "
+            "keycld installs dm-control."
+        ) from error
 
     env = importlib.import_module(f"dm_control.suite.{system}").swingup(time_limit=float("inf"))
     return pixels.Wrapper(env, render_kwargs={"height": SIZE, "width": SIZE, "camera_id": 0})

@@ -4,10 +4,10 @@ import math
 
 import mujoco
 import numpy as np
-from dm_control.utils import rewards
 
 from keycld_envs.mechanism import Mechanism, Rod
 from keycld_envs.mjcf import Change, Insert, edit, read_suite
+from keycld_envs.rewards import tolerance
 from keycld_envs.systems.base import Joint, Landmark, System
 
 _UPPER = "worldbody/body[@name='upper_arm']"
@@ -32,7 +32,7 @@ def swingup_reward(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     """dm_control's smooth acrobot swing-up: distance of the tip from the target above the pivot."""
     target = model.site("target").id
     distance = np.linalg.norm(data.site_xpos[target] - data.site_xpos[model.site("tip").id])
-    return float(rewards.tolerance(distance, bounds=(0, model.site_size[target, 0]), margin=1))
+    return float(tolerance(distance, bounds=(0, model.site_size[target, 0]), margin=1))
 
 
 def _system(

@@ -3,10 +3,10 @@
 import math
 
 import mujoco
-from dm_control.utils import rewards
 
 from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_envs.mjcf import Change, Insert, edit, read_suite
+from keycld_envs.rewards import tolerance
 from keycld_envs.systems.base import Joint, Landmark, Start, System
 
 _CAMERA = {"pos": "0 -6 1", "zaxis": "0 -1 0"}
@@ -32,9 +32,9 @@ _EDITS = (
 def swingup_reward(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     """dm_control's smooth cartpole swing-up: upright, centred, with small control and a slow pole."""
     upright = (data.xmat[model.body("pole_1").id, 8] + 1) / 2
-    centered = (1 + rewards.tolerance(data.qpos[0], margin=2)) / 2
-    small_control = (4 + rewards.tolerance(data.ctrl[0], margin=1, value_at_margin=0, sigmoid="quadratic")) / 5
-    small_velocity = (1 + rewards.tolerance(data.qvel[1], margin=5)) / 2
+    centered = (1 + tolerance(data.qpos[0], margin=2)) / 2
+    small_control = (4 + tolerance(data.ctrl[0], margin=1, value_at_margin=0, sigmoid="quadratic")) / 5
+    small_velocity = (1 + tolerance(data.qvel[1], margin=5)) / 2
     return float(upright * small_control * small_velocity * centered)
 
 

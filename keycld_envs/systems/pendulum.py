@@ -3,10 +3,10 @@
 import math
 
 import mujoco
-from dm_control.utils import rewards
 
 from keycld_envs.mechanism import Mechanism, Rod
 from keycld_envs.mjcf import Change, Insert, edit, read_suite
+from keycld_envs.rewards import tolerance
 from keycld_envs.systems.base import Joint, Landmark, System
 
 _CAMERA = {"pos": "0 -2.5 .6", "zaxis": "0 -1 0"}
@@ -27,7 +27,7 @@ _EDITS = (
 def swingup_reward(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     """dm_control's pendulum swing-up: 1 while the pole is within 8 degrees of upright, else 0."""
     vertical = data.xmat[model.body("pole").id, 8]
-    return float(rewards.tolerance(vertical, (math.cos(math.radians(8)), 1)))
+    return float(tolerance(vertical, (math.cos(math.radians(8)), 1)))
 
 
 def _system(name: str, *edits: Change | Insert, camera: str, action_limit: float | None) -> System:

@@ -1,4 +1,7 @@
+import importlib
 import os
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -51,3 +54,10 @@ def domain(request: pytest.FixtureRequest) -> str:
 def slider() -> System:
     """A mechanism of one's own: a cart on a rail, without textures."""
     return SLIDER
+
+
+@pytest.fixture
+def dm_control() -> Callable[[str], Any]:
+    """Imports a module of dm_control."""
+    pytest.importorskip("dm_control", reason="compares with dm-control, which does not install on this Python")
+    return lambda name: importlib.import_module(f"dm_control.{name}")

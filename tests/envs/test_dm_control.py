@@ -1,20 +1,19 @@
 """What must equal dm_control: steps and rewards to the bit, pixels in full quality, starts in distribution."""
 
-import importlib
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
 from keycld_envs import KeyCLDEnv, get_system
+from keycld_envs.rewards import tolerance
+
+Import = Callable[[str], Any]
 
 
-def suite_env(domain: str) -> Any:
-    return importlib.import_module(f"dm_control.suite.{domain}").swingup(random=0)
-
-
-def test_stock_steps_bit_identically(domain: str) -> None:
-    theirs, rng = suite_env(domain), np.random.default_rng(1)
+def test_stock_steps_bit_identically(domain: str, dm_control: Import) -> None:
+    theirs, rng = dm_control(f"suite.{domain}").swingup(random=0), np.random.default_rng(1)
     ours = KeyCLDEnv(f"{domain}-stock", obs_type="state")
     for _ in range(3):
         theirs.reset()
@@ -33,11 +32,12 @@ def test_stock_steps_bit_identically(domain: str) -> None:
         assert abs(ours.data.qpos[0]) > 1.7
 
 
-def test_rewards_are_dm_controls(name: str) -> None:
+def test_rewards_are_dm_controls(name: str, dm_control: Import) -> None:
     """On random states of either variant, by dm_control's own task on the same model."""
     system, rng = get_system(name), np.random.default_rng(2)
     domain = name.partition("-")[0]
-    module, task = importlib.import_module(f"dm_control.suite.{domain}"), suite_env(domain).task
+    module = dm_control(f"suite.{domain}")
+    task = module.swingup(random=0).task
     physics = module.Physics.from_xml_string(system.mjcf, dict(system.assets))
     ours = KeyCLDEnv(name, obs_type="state")
     rewards = []
@@ -58,9 +58,20 @@ def test_rewards_are_dm_controls(name: str) -> None:
     assert min(rewards) < 0.05 and max(rewards) > 0.5  # both ends of the scale were seen
 
 
+@pytest.mark.parametrize(("sigmoid", "value_at_margin"), [("gaussian", 0.1), ("gaussian", 0.7), ("quadratic", 0.0)])
+@pytest.mark.parametrize(("bounds", "margin"), [((0.0, 0.0), 2.0), ((-0.5, 1.0), 0.0), ((-0.5, 1.0), 0.8)])
+def test_tolerance_is_dm_controls(
+    bounds: tuple[float, float], margin: float, sigmoid: Any, value_at_margin: float, dm_control: Import
+) -> None:
+    rewards = dm_control("utils.rewards")
+    for x in (*np.linspace(-3, 3, 61), *bounds):
+        ours = tolerance(x, bounds, margin, sigmoid, value_at_margin)
+        assert ours == rewards.tolerance(x, bounds, margin, sigmoid, value_at_margin)
+
+
 @pytest.mark.render
-def test_full_quality_is_dm_controls_image(domain: str) -> None:
-    theirs = suite_env(domain)
+def test_full_quality_is_dm_controls_image(domain: str, dm_control: Import) -> None:
+    theirs = dm_control(f"suite.{domain}").swingup(random=0)
     for camera in ("fixed", "lookatcart" if domain == "cartpole" else "lookat"):
         ours = KeyCLDEnv(f"{domain}-stock", render_quality="full", camera=camera, width=48, height=40)
         for _ in range(3):

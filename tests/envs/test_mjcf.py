@@ -1,7 +1,10 @@
-import importlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+import keycld_envs
 from keycld_envs.mjcf import Change, EditError, Insert, edit, read_suite
 
 XML = "<mujoco><worldbody><geom name='floor' size='1'/><geom name='rail' size='1'/></worldbody><actuator/></mujoco>"
@@ -35,8 +38,17 @@ def test_an_edit_that_does_not_fit_raises(wrong: Change | Insert, message: str) 
         edit(XML, wrong)
 
 
-def test_read_suite_is_what_dm_control_hands_out(domain: str) -> None:
-    xml, assets = importlib.import_module(f"dm_control.suite.{domain}").get_model_and_assets()
+def test_read_suite_is_what_dm_control_hands_out(domain: str, dm_control: Callable[[str], Any]) -> None:
+    xml, assets = dm_control(f"suite.{domain}").get_model_and_assets()
     found, found_assets = read_suite(domain)
     assert found == (xml.decode() if isinstance(xml, bytes) else xml)
     assert found_assets == assets
+
+
+def test_the_copies_of_dm_controls_files_are_exact(dm_control: Callable[[str], Any]) -> None:
+    originals = Path(dm_control("suite").__file__).parent
+    copies = Path(keycld_envs.__file__).parent / "assets"
+    paths = [path.relative_to(copies) for path in copies.rglob("*.xml")]
+    assert len(paths) == 6
+    for path in paths:
+        assert (copies / path).read_bytes() == (originals / path).read_bytes(), path
