@@ -19,6 +19,7 @@ from typing import Any
 import gymnasium as gym
 import mujoco
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 
 from keycld_envs.env import KeyCLDEnv
 from keycld_envs.errors import InputError
@@ -26,6 +27,7 @@ from keycld_envs.files import atomic_file
 from keycld_envs.policies import get_policy
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording, write_recording
+from keycld_envs.registration import resolve_env_id
 from keycld_envs.rendering import Quality
 
 PAPER_ACTION_RANGE = 3.0
@@ -37,7 +39,7 @@ class CollectSettings:
     """What determines every pixel of a collected data set, except its number of episodes.
 
     Attributes:
-        env_id: environment id, for instance "KeyCLD/Acrobot-v0".
+        env_id: environment id, for instance "KeyCLD/Acrobot-v0", or "my_module:MyLab/Slider-v0" of a module of yours.
         steps: frames per episode; frame 0 shows the initial state, and steps - 1 actions are applied.
         policy: name of the excitation, see `keycld_envs.policies`.
         action_range: actions are drawn within ± this bound (control units); None means ±3, the paper's range, or
@@ -186,8 +188,11 @@ def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int) -> Rec
 
 def make_env(settings: CollectSettings) -> KeyCLDEnv:
     """The bare environment that `settings` describe; close it after use."""
+    env_id = resolve_env_id(settings.env_id)
+    if not _makes_keycld_env(env_id):
+        raise InputError(f"{env_id} is no KeyCLD environment; declare it as a keycld_envs.System.")
     env = gym.make(
-        settings.env_id,
+        env_id,
         disable_env_checker=True,
         width=settings.width,
         height=settings.height,
@@ -195,9 +200,14 @@ def make_env(settings: CollectSettings) -> KeyCLDEnv:
         render_quality=settings.render_quality,
         action_limit=settings.action_range,
     ).unwrapped
-    if not isinstance(env, KeyCLDEnv):
-        raise InputError(f"{settings.env_id} is no KeyCLD environment; declare it as a keycld_envs.System.")
+    assert isinstance(env, KeyCLDEnv)
     return env
+
+
+def _makes_keycld_env(env_id: str) -> bool:
+    entry_point = gym.spec(env_id.rpartition(":")[2]).entry_point
+    creator = load_env_creator(entry_point) if isinstance(entry_point, str) else entry_point
+    return isinstance(creator, type) and issubclass(creator, KeyCLDEnv)
 
 
 def _action_units(model: mujoco.MjModel) -> tuple[str, ...]:

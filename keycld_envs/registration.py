@@ -1,6 +1,7 @@
 """Gymnasium ids, and how people shorten them."""
 
 import difflib
+import importlib
 from typing import Any
 
 import gymnasium as gym
@@ -50,20 +51,44 @@ def make(name: str, **kwargs: Any) -> gym.Env[Any, Any]:
 
 
 def resolve_env_id(name: str) -> str:
-    """The environment id that `name` means: an id, or a short name such as "acrobot" or "acrobot-stock".
+    """The environment id that `name` means, for `gymnasium.make`.
+
+    Args:
+        name: an id, or a short name such as "acrobot" or "acrobot-stock". Of environments that a module of yours
+            registers, "my_module:MyLab/Slider-v0": the module is imported, and stays part of the result, so that
+            other processes import it too.
 
     Raises:
         InputError: if there is none; the message suggests similar names.
     """
-    bare = name.removeprefix("keycld_envs:")
+    module, colon, bare = name.rpartition(":")
+    if module == "keycld_envs":
+        module, colon = "", ""
+    if colon:
+        _import(module, name)
     if bare in gym.registry:
-        return bare
+        return module + colon + bare
     short = bare.lower().replace("_", "-")
     if short in _SHORT_NAMES:
-        return _SHORT_NAMES[short]
+        return module + colon + _SHORT_NAMES[short]
     known = {key.lower(): key for key in (*_SHORT_NAMES, *_known_ids())}
     similar = [known[key] for key in difflib.get_close_matches(bare.lower(), known, n=3)] or sorted(_SHORT_NAMES)
-    raise InputError(f"There is no environment {name!r}; did you mean {', '.join(similar)}?")
+    raise InputError(
+        f"There is no environment {name!r}; did you mean {', '.join(module + colon + s for s in similar)}?"
+    )
+
+
+def _import(module: str, name: str) -> None:
+    if not all(part.isidentifier() for part in module.split(".")):
+        raise InputError(f"{module!r} in {name!r} is no module name; write for instance my_module:MyLab/Slider-v0.")
+    try:
+        importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+            raise  # the module is there, but not what it imports
+        raise InputError(
+            f"There is no module {module!r} to import for {name!r}; run in its folder, or install it."
+        ) from error
 
 
 def _known_ids() -> list[str]:

@@ -11,6 +11,7 @@ import ast
 import difflib
 import errno
 import importlib
+import os
 import pkgutil
 import sys
 from collections.abc import Sequence
@@ -42,6 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         hint = f"did you mean {similar[0]!r}" if similar else f"there are {', '.join(command_names())}"
         print(f"keycld: There is no command {name!r}; {hint}?", file=sys.stderr)
         return 2
+    if (here := os.getcwd()) not in sys.path:
+        sys.path.append(here)  # where modules with systems of one's own lie
     command = importlib.import_module(f"{__name__}.{name}")
     args = tyro.cli(command.Args, prog=f"keycld {name}", args=words[1:], config=(tyro.conf.FlagCreatePairsOff,))
     try:

@@ -1,5 +1,6 @@
 """Bad input gets an InputError of one sentence that says what to do."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -92,6 +93,11 @@ def test_a_diverging_simulation() -> None:
         ("acrobott", "acrobot"),
         ("cartpole-stok", "cartpole-stock"),
         ("Walker", "pendulum"),
+        ("json:acrobott", "json:acrobot"),
+        ("my_modul:Slider", "no module 'my_modul'"),
+        ("json.my_modul:Slider", "no module 'json.my_modul'"),
+        (":acrobot", "'' in ':acrobot' is no module name"),
+        ("my/module.py:Slider", "no module name"),
     ],
 )
 def test_unknown_ids_are_answered_with_suggestions(name: str, suggestion: str) -> None:
@@ -99,6 +105,13 @@ def test_unknown_ids_are_answered_with_suggestions(name: str, suggestion: str) -
         with pytest.raises(InputError) as caught:
             function(name)
         assert repr(name) in str(caught.value) and suggestion in str(caught.value)
+
+
+def test_a_module_of_ones_own_that_fails_shows_its_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "my_broken_module.py").write_text("import my_missing_package")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModuleNotFoundError, match="my_missing_package"):
+        resolve_env_id("my_broken_module:MyLab/Slider-v0")
 
 
 def test_unknown_systems_are_answered_with_suggestions() -> None:

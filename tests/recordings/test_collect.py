@@ -149,6 +149,60 @@ def test_the_action_range_is_the_papers_unless_given() -> None:
         assert 0.7 * bound < np.abs(actions).max() <= bound
 
 
+OWN_MODULE = """
+import keycld_envs
+from keycld_envs import Joint, Landmark, Mechanism, Slider, System
+
+SLIDER = System(
+    name="slider",
+    mjcf='''
+    <mujoco>
+      <worldbody>
+        <camera name="front" pos="0 -2 0" zaxis="0 -1 0"/>
+        <body name="cart">
+          <joint name="rail" type="slide" axis="1 0 0"/>
+          <geom type="box" size=".1 .1 .1" mass="2"/>
+        </body>
+      </worldbody>
+      <actuator><motor name="push" joint="rail"/></actuator>
+    </mujoco>
+    ''',
+    joints=(Joint("rail", "slide", (-0.5, 0.5)),),
+    actuators=("push",),
+    mechanism=Mechanism(num_keypoints=1, num_actions=1, sliders=(Slider(0),)),
+    landmarks=(Landmark("cart"),),
+    camera="front",
+    timestep=0.02,
+    target_qpos=(0.0,),
+    hanging_qpos=(0.3,),
+)
+keycld_envs.register(SLIDER, "MyLab/Slider-v0")
+"""
+
+
+@pytest.mark.render
+@pytest.mark.parametrize("command", [["keycld"], ["python", "-m", "keycld_control.cli"]])
+def test_a_system_of_ones_own(tmp_path: Path, command: list[str]) -> None:
+    """Its module lies in the working folder, and workers, which are new processes, import it too."""
+    (tmp_path / "my_module.py").write_text(OWN_MODULE)
+    program = [str(Path(sys.executable).with_name(command[0])), *command[1:], "collect"]
+    options = ["--episodes", "4", "--steps", "3", "--width", "16", "--height", "16", "--out", "data"]
+    for system, workers in (("my_module:MyLab/Slider-v0", "2"), ("my_module:slider", "1")):  # the second resumes
+        done = subprocess.run(
+            [*program, system, *options, "--workers", workers], cwd=tmp_path, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+    data = read_dataset(tmp_path / "data")
+    assert data.system == "my_module:MyLab/Slider-v0"
+    assert data.sequences().frames.shape == (4, 3, 16, 16, 3)
+    assert data.recordings[0].units["action"] == ("1 N",)
+
+
+def test_other_environments_are_refused() -> None:
+    with pytest.raises(InputError, match="CartPole-v1 is no KeyCLD environment"):
+        make_env(CollectSettings("CartPole-v1"))
+
+
 @pytest.mark.parametrize("name", POLICIES)
 def test_policies(name: str) -> None:
     low, high = np.array([-3.0, 0.0]), np.array([3.0, 1.0])
