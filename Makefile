@@ -8,14 +8,16 @@ PYTHON ?= python3
 BIN := .venv/bin
 SYSTEMS := pendulum cartpole acrobot
 SEED := 0
+DEBIAN := Debian, Ubuntu: apt-get install python3-venv libegl1 libgl1-mesa-dri
 
-.PHONY: demo test lint types layers docs weights bench opengl clean
+.PHONY: demo test lint types layers docs weights bench libraries opengl clean
+.NOTPARALLEL:
 .DELETE_ON_ERROR:
 
-demo: .venv/.keycld opengl
+demo: libraries .venv/.keycld opengl
 	$(BIN)/keycld demo
 
-test: .venv/.keycld-dev opengl
+test: libraries .venv/.keycld-dev opengl
 	$(BIN)/python -m pytest
 
 lint: .venv/.keycld-dev
@@ -32,26 +34,33 @@ docs: .venv/.keycld-docs
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
-weights: .venv/.keycld opengl
+weights: libraries .venv/.keycld opengl
 	for system in $(SYSTEMS); do \
 	  $(BIN)/keycld collect $$system --out data/$$system --workers 2 --seed $(SEED) && \
 	  $(BIN)/keycld train $$system --data data/$$system --out runs/$$system --seed $(SEED) || exit 1; \
 	done
 
-bench: .venv/.keycld opengl
+bench: libraries .venv/.keycld opengl
 	$(BIN)/keycld bench
 
-# What is missing to render frames, in one sentence.
+# What is missing to render frames, in one sentence: what can be told before packages are downloaded, and the rest.
+libraries: .venv/bin/python
+	@[ -n "$$MUJOCO_GL$$DISPLAY" ] || [ "$$(uname)" != Linux ] \
+	  || $(BIN)/python -c 'import ctypes; ctypes.CDLL("libEGL.so.1")' 2>/dev/null \
+	  || $(BIN)/python -c 'import ctypes; ctypes.CDLL("libOSMesa.so.8")' 2>/dev/null \
+	  || { echo "There is no OpenGL library to render frames with; install one ($(DEBIAN))"; exit 1; }
+
 opengl: .venv/.keycld
 	@$(BIN)/python -c 'import sys; from keycld_control.cli.doctor import examine; sys.exit("\n".join(examine()["advice"]) or None)'
 
 .venv/bin/python:
-	@command -v $(PYTHON) >/dev/null || { echo "There is no $(PYTHON); install Python 3.11 or newer (Debian: apt-get install python3 python3-venv), or name it: make PYTHON=python3.12"; exit 1; }
+	@command -v $(PYTHON) >/dev/null || { echo "There is no $(PYTHON); install Python 3.11 or newer ($(DEBIAN)), or name it: make PYTHON=python3.12"; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "KeyCLD needs Python 3.11 or newer, but $(PYTHON) is `$(PYTHON) --version`; name a newer one: make PYTHON=python3.12"; exit 1; }
-	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "$(PYTHON) cannot make virtual environments; install the package for it (Debian: apt-get install python3-venv)"; exit 1; }
-	$(PYTHON) -m venv .venv
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "$(PYTHON) cannot make virtual environments; install the package for it ($(DEBIAN))"; exit 1; }
+	$(PYTHON) -m venv --clear .venv
 
 .venv/.keycld: pyproject.toml | .venv/bin/python
+	@echo "Installing into .venv; once, for a few minutes"
 	$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 

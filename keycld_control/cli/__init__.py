@@ -40,8 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     if name not in command_names():
         similar = difflib.get_close_matches(name, command_names(), n=1)
-        hint = f"did you mean {similar[0]!r}" if similar else f"there are {', '.join(command_names())}"
-        print(f"keycld: There is no command {name!r}; {hint}?", file=sys.stderr)
+        hint = f"did you mean {similar[0]!r}?" if similar else f"there are {', '.join(command_names())}."
+        print(f"keycld: There is no command {name!r}; {hint}", file=sys.stderr)
         return 2
     if (here := os.getcwd()) not in sys.path:
         sys.path.append(here)  # where modules with systems of one's own lie
