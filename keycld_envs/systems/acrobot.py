@@ -32,7 +32,7 @@ def swingup_reward(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     """dm_control's smooth acrobot swing-up: distance of the tip from the target above the pivot."""
     target = model.site("target").id
     distance = np.linalg.norm(data.site_xpos[target] - data.site_xpos[model.site("tip").id])
-    return float(tolerance(distance, bounds=(0, model.site_size[target, 0]), margin=1))
+    return tolerance(float(distance), bounds=(0, model.site_size[target, 0]), margin=1)
 
 
 def _system(

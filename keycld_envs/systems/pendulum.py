@@ -27,7 +27,7 @@ _EDITS = (
 def swingup_reward(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     """dm_control's pendulum swing-up: 1 while the pole is within 8 degrees of upright, else 0."""
     vertical = data.xmat[model.body("pole").id, 8]
-    return float(tolerance(vertical, (math.cos(math.radians(8)), 1)))
+    return tolerance(vertical, (math.cos(math.radians(8)), 1))
 
 
 def _system(name: str, *edits: Change | Insert, camera: str, action_limit: float | None) -> System:
