@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from keycld_control.law import LAWS, Law
 from keycld_control.limits import action_bounds
 from keycld_control.observer import Estimate, first_estimate, next_estimate
-from keycld_control.plant import energy, responses
+from keycld_control.plant import LearnedModel, Plant, energy, responses
 from keycld_control.pumping import Pump, PumpState, first_pump_state, plan_pumping, pumping_action
-from keycld_control.targets import SeeingPlant, check_image, find_target
+from keycld_control.targets import check_image, find_target
 from keycld_envs.errors import InputError
 
 DEFAULT_KP, DEFAULT_KD = 40.0, 10.0
@@ -57,6 +57,8 @@ class EnergyShapingAgent:
 
     Attributes:
         target: `[K, 2]` keypoints of the target image, image units.
+        target_energy: learned V there, in units of total mass 1 x (image units / s)^2.
+        pivot: `[2]` fixed pivot of the mechanism, image units.
         pumps: whether the actuators are too weak to lift the mechanism directly.
 
     Raises:
@@ -67,7 +69,7 @@ class EnergyShapingAgent:
 
     def __init__(
         self,
-        model: SeeingPlant,
+        model: LearnedModel,
         target_img: ArrayLike,
         kp: float = DEFAULT_KP,
         kd: float = DEFAULT_KD,
@@ -81,14 +83,20 @@ class EnergyShapingAgent:
         for name, gain in (("kp", kp), ("kd", kd)):
             if not 0 < gain < np.inf:
                 raise InputError(f"{name} must be a positive finite number, got {gain!r}.")
-        low, high = action_bounds(model.system, model.mechanism.num_actions, action_space, action_limit)
+        bounds = action_bounds(model.system, model.mechanism.num_actions, action_space, action_limit)
+        low, high = jnp.asarray(bounds[0]), jnp.asarray(bounds[1])
         self._image_shape = model.image_shape
         target = find_target(model, target_img)
-        _check_actuation(model, target)
-        pump = None if law == "paper" else plan_pumping(model, target, jnp.asarray(low), jnp.asarray(high))
+        plant = Plant.of(model)
+        _check_actuation(plant, target)
+        pump = None if law == "paper" else plan_pumping(plant, target, low, high)
         self.target: NDArray[np.float32] = np.asarray(target).reshape(-1, 2)
+        self.target_energy = float(jax.jit(model.potential_energy_fn)(target))
+        self.pivot: NDArray[np.float32] = np.asarray(model.pivot)
         self.pumps = pump is not None
-        self._first, self._next = _compile(model, target, float(kp), float(kd), law, pump, low, high)
+        self._first, self._next = _compile(
+            plant, model.keypoints_fn, target, float(kp), float(kd), law, pump, low, high
+        )
         self._belief: Belief | None = None
 
     def act(self, obs: ArrayLike | Mapping[str, Any]) -> NDArray[np.float32]:
@@ -138,10 +146,10 @@ class EnergyShapingAgent:
         return self._belief
 
 
-def _check_actuation(model: SeeingPlant, target: Array) -> None:
+def _check_actuation(plant: Plant, target: Array) -> None:
     """Refuse mechanisms that the laws cannot control."""
-    freedom, size = model.mechanism.degrees_of_freedom, model.mechanism.num_actions
-    gram = np.asarray(jax.jit(lambda x: responses(model, x, jnp.zeros_like(x))[1].gram)(target), np.float64)
+    freedom, size = plant.mechanism.degrees_of_freedom, plant.mechanism.num_actions
+    gram = np.asarray(jax.jit(lambda x: responses(plant, x, jnp.zeros_like(x))[1].gram)(target), np.float64)
     scale = np.sqrt(np.outer(gram.diagonal(), gram.diagonal()))
     if size != freedom or not np.linalg.eigvalsh(gram / scale).min() > 1e-4:
         raise InputError(
@@ -151,31 +159,32 @@ def _check_actuation(model: SeeingPlant, target: Array) -> None:
 
 
 def _compile(
-    model: SeeingPlant,
+    plant: Plant,
+    see: Callable[[Array], Array],
     target: Array,
     kp: float,
     kd: float,
     law: Law,
     pump: Pump | None,
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
+    low: Array,
+    high: Array,
 ) -> tuple[Callable[[ArrayLike], Belief], Callable[[Belief, ArrayLike], Belief]]:
     """The agent's two programs: for the first image of an episode, and for every further one."""
 
     def decide(estimate: Estimate, memory: PumpState) -> Belief:
         x, v = estimate.x, estimate.v
-        action = LAWS[law](model, x, v, target, kp, kd, low, high)
+        action = LAWS[law](plant, x, v, target, kp, kd, low, high)
         if pump is not None:
-            memory, pumping = pumping_action(model, pump, memory, x, v, target, kp, kd, low, high)
+            memory, pumping = pumping_action(plant, pump, memory, x, v, target, kp, kd, low, high)
             action = jnp.where(memory.caught, action, pumping)
         action = jnp.clip(jnp.nan_to_num(action), low, high)
-        return Belief(estimate, action, memory, energy(model, x, v))
+        return Belief(estimate, action, memory, energy(plant, x, v))
 
     def first(image: ArrayLike) -> Belief:
-        return decide(first_estimate(model, model.keypoints_fn(image)), first_pump_state())
+        return decide(first_estimate(plant, see(jnp.asarray(image))), first_pump_state())
 
     def following(belief: Belief, image: ArrayLike) -> Belief:
-        keypoints = model.keypoints_fn(image)
-        return decide(next_estimate(model, belief.estimate, belief.action, keypoints), belief.pump)
+        keypoints = see(jnp.asarray(image))
+        return decide(next_estimate(plant, belief.estimate, belief.action, keypoints), belief.pump)
 
     return jax.jit(first), jax.jit(following)

@@ -22,7 +22,6 @@ from keycld_model.numerics import solve_positive_definite
 Law = Literal["turning", "projected", "paper"]
 REFERENCE_SPEED = 2.0
 """Keypoints are not sent to their target faster than this, image units per second."""
-SWEEPS = 16
 
 
 def turning_action(
@@ -72,8 +71,8 @@ def paper_action(
     It mixes in the components of grad V and g along the constraints, which data cannot determine. Arguments and
     result as in `turning_action`, except that kp and kd have the units of energy / length^2 and of action.
     """
-    g = plant.input_matrix_fn(x)
-    force = jax.grad(plant.potential_energy_fn)(x) - kp * (x - target)
+    g = plant.input_matrix(x)
+    force = jax.grad(plant.potential_energy)(x) - kp * (x - target)
     return jnp.clip(solve_positive_definite(g.T @ g, g.T @ force) - kd * g.T @ v, low, high)
 
 
@@ -109,8 +108,9 @@ def nearest_action(response: Response, wanted: Array, low: Array, high: Array) -
     """
     gram, demand = response.gram, response.demand(wanted)
     size = len(demand)
-    u = [jnp.clip(0.0, low[i], high[i]) for i in range(size)]
-    for _ in range(SWEEPS if size > 1 else 1):
+    start = jnp.clip(solve_positive_definite(gram, demand), low, high)  # the solution if no bound binds
+    u = [start[i] for i in range(size)]
+    for _ in range(4 * size**2 if size > 1 else 0):  # ample for a handful of actions
         for i in range(size):
             others = sum((gram[i, j] * u[j] for j in range(size) if j != i), start=jnp.zeros_like(demand[i]))
             u[i] = jnp.clip((demand[i] - others) / gram[i, i], low[i], high[i])

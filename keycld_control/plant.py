@@ -1,7 +1,8 @@
 """What a controller reads from a world model, and the model's equations of motion written for control."""
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -11,26 +12,71 @@ from keycld_envs.mechanism import Mechanism
 from keycld_model import physics
 
 
-class Plant(Protocol):
-    """The part of a world model that the physics of control needs; `keycld_model.WorldModel` provides it.
+class LearnedModel(Protocol):
+    """What an agent needs from a world model; `keycld_model.WorldModel` has it.
 
     Attributes:
+        system: name or environment id of the system it was trained on, or None.
         mechanism: the declared mechanism.
-        masses: `[K]`, their sum is 1, which fixes the common scale of (M, V, g).
+        masses: `[K]`; that they sum to 1 fixes the common scale of (M, V, g).
         level: `[c]` values of the constraints.
         pivot: `[2]`, image units.
         timestep: seconds per frame.
+        image_shape: (H, W).
+        keypoints_fn: image `[H, W, 3]`, uint8 or float in 0 to 1, to keypoints `[n]`.
+        render_fn: positions `[n]` to image `[H, W, 3]`, float in 0 to 1.
         potential_energy_fn: positions `[n]` to V (scalar).
         input_matrix_fn: positions `[n]` to g `[n, m]`.
     """
+
+    @property
+    def system(self) -> str | None: ...  # noqa: D102
+    @property
+    def mechanism(self) -> Mechanism: ...  # noqa: D102
+    @property
+    def masses(self) -> Any: ...  # noqa: D102
+    @property
+    def level(self) -> Any: ...  # noqa: D102
+    @property
+    def pivot(self) -> Any: ...  # noqa: D102
+    @property
+    def timestep(self) -> float: ...  # noqa: D102
+    @property
+    def image_shape(self) -> tuple[int, int]: ...  # noqa: D102
+    @property
+    def keypoints_fn(self) -> Callable[[Array], Array]: ...  # noqa: D102
+    @property
+    def render_fn(self) -> Callable[[Array], Array]: ...  # noqa: D102
+    @property
+    def potential_energy_fn(self) -> Callable[[Array], Array]: ...  # noqa: D102
+    @property
+    def input_matrix_fn(self) -> Callable[[Array], Array]: ...  # noqa: D102
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """The mechanics of a world model; see `LearnedModel` for the fields."""
 
     mechanism: Mechanism
     masses: Array
     level: Array
     pivot: Array
     timestep: float
-    potential_energy_fn: Callable[[Array], Array]
-    input_matrix_fn: Callable[[Array], Array]
+    potential_energy: Callable[[Array], Array]
+    input_matrix: Callable[[Array], Array]
+
+    @classmethod
+    def of(cls, model: LearnedModel) -> "Plant":
+        """Take from a world model what concerns motion."""
+        return cls(
+            model.mechanism,
+            jnp.asarray(model.masses),
+            jnp.asarray(model.level),
+            jnp.asarray(model.pivot),
+            model.timestep,
+            model.potential_energy_fn,
+            model.input_matrix_fn,
+        )
 
 
 class Response(NamedTuple):
@@ -67,20 +113,20 @@ def responses(plant: Plant, x: Array, v: Array) -> tuple[Response, Response]:
         x: `[n]` positions on the manifold.
         v: `[n]` velocities.
     """
-    force = -jax.grad(plant.potential_energy_fn)(x)
+    force = -jax.grad(plant.potential_energy)(x)
     rest = jnp.zeros_like(v)
 
     def accelerate(force: Array, v: Array) -> Array:
         return physics.acceleration(plant.mechanism, plant.masses, force, x, v, plant.pivot)
 
-    inputs = jax.vmap(accelerate, (1, None), 1)(plant.input_matrix_fn(x), rest)
+    inputs = jax.vmap(accelerate, (1, None), 1)(plant.input_matrix(x), rest)
     weight = jnp.repeat(plant.masses, 2)
     return Response(accelerate(force, v), inputs, weight), Response(accelerate(force, rest), inputs, weight)
 
 
 def acceleration(plant: Plant, x: Array, v: Array, u: Array) -> Array:
     """Acceleration x'' `[n]` under the action u `[m]`."""
-    force = plant.input_matrix_fn(x) @ u - jax.grad(plant.potential_energy_fn)(x)
+    force = plant.input_matrix(x) @ u - jax.grad(plant.potential_energy)(x)
     return physics.acceleration(plant.mechanism, plant.masses, force, x, v, plant.pivot)
 
 
@@ -92,4 +138,4 @@ def project(plant: Plant, x: Array, v: Array, iterations: int = 1) -> tuple[Arra
 
 def energy(plant: Plant, x: Array, v: Array) -> Array:
     """T + V (scalar)."""
-    return physics.kinetic_energy(plant.masses, v) + plant.potential_energy_fn(x)
+    return physics.kinetic_energy(plant.masses, v) + plant.potential_energy(x)

@@ -109,11 +109,11 @@ def plan_pumping(plant: Plant, target: Array, low: Array, high: Array) -> Pump |
     def trace(x: Array) -> tuple[Array, Array]:
         sides = [jax.lax.scan(follow, x, jnp.full(CURVE_POINTS, step))[1] for step in (-CURVE_STEP, CURVE_STEP)]
         curve = jnp.concatenate([sides[0][::-1], x[None], sides[1]])
-        return curve, jax.vmap(plant.potential_energy_fn)(curve)
+        return curve, jax.vmap(plant.potential_energy)(curve)
 
     curve, potential = trace(target)
     span = float(potential.max() - potential.min())
-    rate = float(jnp.abs(plant.input_matrix_fn(target)[:, actuator]).max())
+    rate = float(jnp.abs(plant.input_matrix(target)[:, actuator]).max())
     return Pump(actuator, curve, float(potential.max()) + EXCESS * span, span, 0.02 * rate)
 
 
@@ -162,7 +162,7 @@ def pumping_action(
 
     distance = jnp.sum(moving.weight * (pump.curve - x) ** 2, axis=1)
     shape = turning_acceleration(plant, x, v, pump.curve[jnp.argmin(distance)], kp, kd, speed=jnp.inf)
-    rate = plant.input_matrix_fn(x)[:, pump.actuator] @ v
+    rate = plant.input_matrix(x)[:, pump.actuator] @ v
     direction = jnp.where(jnp.abs(rate) > pump.slow, jnp.sign(rate), state.direction)
     push = jnp.clip((pump.energy - energy(plant, x, v)) / (BAND * pump.span), -1.0, 1.0) * direction
     action = push * jnp.where(push > 0, high[pump.actuator], -low[pump.actuator])

@@ -81,7 +81,7 @@ def _turn(vectors: Array) -> Array:
 
 
 @cache
-def _paths(mechanism: Mechanism) -> NDArray[np.float64]:
+def _paths(mechanism: Mechanism) -> NDArray[np.floating]:
     """`[K, R + n_roots]`: which rods and roots add up to which keypoint."""
     rows = np.zeros((len(mechanism.rods), mechanism.num_keypoints))
     for row, rod in zip(rows, mechanism.rods, strict=True):

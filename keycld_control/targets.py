@@ -1,7 +1,6 @@
 """From a target image to target keypoints, or the reason why it cannot be reached."""
 
-from collections.abc import Callable
-from typing import Protocol
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +8,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
-from keycld_control.plant import Plant, project
+from keycld_control.plant import LearnedModel, Plant, project
 from keycld_control.skeleton import turned
 from keycld_envs.errors import InputError
 from keycld_model import physics
@@ -21,23 +20,7 @@ UNEXPLAINED = 0.25
 POSES = 16
 
 
-class SeeingPlant(Plant, Protocol):
-    """A plant with eyes; `keycld_model.WorldModel` provides it.
-
-    Attributes:
-        system: name or environment id of the system the model was trained on, or None.
-        image_shape: (H, W).
-        keypoints_fn: image `[H, W, 3]`, uint8 or float in 0..1, to keypoints `[n]`.
-        render_fn: keypoints `[n]` to image `[H, W, 3]`, float in 0..1.
-    """
-
-    system: str | None
-    image_shape: tuple[int, int]
-    keypoints_fn: Callable[[Array], Array]
-    render_fn: Callable[[Array], Array]
-
-
-def check_image(name: str, image: ArrayLike, shape: tuple[int, int]) -> NDArray[np.uint8] | NDArray[np.float32]:
+def check_image(name: str, image: Any, shape: tuple[int, int]) -> NDArray[np.uint8] | NDArray[np.float32]:
     """Return an image `[H, W, 3]`, uint8 or float32, if the model can read it.
 
     Args:
@@ -60,7 +43,7 @@ def check_image(name: str, image: ArrayLike, shape: tuple[int, int]) -> NDArray[
     return pixels.astype(np.float32)
 
 
-def find_target(model: SeeingPlant, image: ArrayLike) -> Array:
+def find_target(model: LearnedModel, image: ArrayLike) -> Array:
     """Keypoints of a target image.
 
     Args:
@@ -74,16 +57,17 @@ def find_target(model: SeeingPlant, image: ArrayLike) -> Array:
         InputError: if the image has another size than the model reads, shows no mechanism that the model knows, or
             shows it in a shape that its rods and sliders do not permit.
     """
+    plant = Plant.of(model)
     pixels = check_image("The target image", image, model.image_shape)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, len(model.mechanism.rods))).astype(np.float32)
 
     @jax.jit
     def examine(pixels: Array, angles: Array) -> tuple[Array, Array, Array, Array, Array]:
         keypoints = model.keypoints_fn(pixels)
-        target, _ = project(model, keypoints, jnp.zeros_like(keypoints), 5)
-        levels = physics.constraint(model.mechanism, keypoints, model.pivot)
+        target, _ = project(plant, keypoints, jnp.zeros_like(keypoints), 5)
+        levels = physics.constraint(plant.mechanism, keypoints, plant.pivot)
         rendered = model.render_fn(target)
-        others = jax.lax.map(lambda a: model.render_fn(turned(model.mechanism, target, a, model.pivot)), angles)
+        others = jax.lax.map(lambda a: model.render_fn(turned(plant.mechanism, target, a, plant.pivot)), angles)
         error = jnp.mean((rendered - as_float(pixels)) ** 2)
         return keypoints, target, levels, error, jnp.mean((others - rendered) ** 2)
 
@@ -105,7 +89,7 @@ def as_float(pixels: Array) -> Array:
     return pixels.astype(jnp.float32) / 255 if pixels.dtype == jnp.uint8 else pixels
 
 
-def _check_lengths(model: SeeingPlant, found: NDArray[np.float32]) -> None:
+def _check_lengths(model: LearnedModel, found: NDArray[np.float32]) -> None:
     """Compare the constraint values `[c]` of the keypoints found with those of the model."""
     level = np.asarray(model.level)
     num_rods = len(model.mechanism.rods)

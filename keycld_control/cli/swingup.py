@@ -1,0 +1,66 @@
+"""Swing a system up from pixels, with learned weights, and count successes."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional
+
+from keycld_control.cli._output import print_result
+
+
+@dataclass(frozen=True)
+class Args:
+    """Swing a system up from pixels, with learned weights and one target image, and count successes.
+
+    Attributes:
+        system: Short name (pendulum, cartpole, acrobot) or environment id.
+        weights: Checkpoint, or name of shipped weights; by default those of the system.
+        episodes: Number of episodes, of 1000 steps each.
+        start: "random" angles at rest, or "hanging"; by default the environment's own.
+        action_limit: Actions stay within ± this bound; by default the environment's.
+        law: "turning", "projected" (the paper's on the constraint manifold) or "paper" (to the letter).
+        kp: Stiffness, 1/s²; by default 40.
+        kd: Damping, 1/s; by default 10.
+        video: Write a clip of the first episode (.mp4 or .gif).
+        workers: Number of processes; the result does not depend on it.
+        seed: Seed of the first episode; the following ones count up.
+        json: Print one JSON object.
+    """
+
+    system: Positional[str]
+    weights: str | None = None
+    episodes: int = 10
+    start: Literal["random", "hanging"] | None = None
+    action_limit: float | None = None
+    law: Literal["turning", "projected", "paper"] = "turning"
+    kp: float = 40.0
+    kd: float = 10.0
+    video: Path | None = None
+    workers: int = 1
+    seed: int = 0
+    json: bool = False
+
+
+def run(args: Args) -> None:
+    """Run the episodes, film the first one if asked to, and print the statistics."""
+    from keycld_control.closed_loop import LoopSettings
+    from keycld_control.swingup import swing_up
+    from keycld_control.video import check_clip_path, film
+
+    settings = LoopSettings(
+        system=args.system,
+        weights=args.weights,
+        start=args.start,
+        seed=args.seed,
+        action_limit=args.action_limit,
+        kp=args.kp,
+        kd=args.kd,
+        law=args.law,
+    )
+    if args.video is not None:
+        check_clip_path(args.video)
+    result = swing_up(settings, args.episodes, args.workers)
+    if args.video is not None:
+        film(settings, args.video)
+    print_result(asdict(result), as_json=args.json)

@@ -1,0 +1,181 @@
+"""Clips of an episode: what the agent saw, the keypoints it found, and the energy it reckoned."""
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from keycld_control.closed_loop import Episode, LoopSettings, make_loop, run_episode
+from keycld_envs.errors import InputError
+from keycld_envs.files import atomic_file
+from keycld_envs.mechanism import Mechanism
+
+SUFFIXES = (".mp4", ".gif")
+PANEL, STRIP = 384, 96
+"""Width and height of the image, height of the energy strip below, pixels."""
+FRAME_RATE = {".mp4": 50.0, ".gif": 20.0}
+_DETAIL = 2  # drawn at this multiple of the size, then reduced, for smooth lines
+_KEYPOINT, _TARGET, _CURVE, _INK, _GROUND = "#ffd23f", "#ffffff", "#ff8c42", "#c8cdd3", "#15191e"
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What one frame of a clip shows.
+
+    Attributes:
+        time: seconds since the start of the episode.
+        image: `[H, W, 3]` uint8, the agent's observation.
+        keypoints: `[K, 2]` its estimate, image units.
+        energy: learned T + V.
+    """
+
+    time: float
+    image: NDArray[np.uint8]
+    keypoints: NDArray[np.float32]
+    energy: float
+
+
+def check_clip_path(path: Path) -> None:
+    """Refuse a file name that is no clip's.
+
+    Raises:
+        InputError: if it ends neither in .mp4 nor in .gif.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"A clip must end in {' or '.join(SUFFIXES)}, got {path}.")
+
+
+def film(settings: LoopSettings, path: Path) -> Episode:
+    """Run the first episode of `settings` and write a clip of it, in real time.
+
+    Args:
+        settings: what to run.
+        path: the clip, ending in .mp4 (H.264, 50 frames/s) or .gif (20 frames/s).
+
+    Raises:
+        InputError: as `make_loop`, or if the path has another ending.
+    """
+    check_clip_path(path)
+    with make_loop(settings) as loop:
+        timestep = loop.env.system.timestep
+        rate = min(FRAME_RATE[path.suffix.lower()], 1 / timestep)
+        every = max(1, round(1 / (rate * timestep)))
+        moments: list[Moment] = []
+        steps = iter(range(loop.steps))
+
+        def watch(image: NDArray[np.uint8], time: float) -> None:
+            if next(steps) % every == 0:
+                moments.append(Moment(time, image, loop.agent.keypoints, loop.agent.energy))
+
+        episode = run_episode(loop, settings.seed, watch)
+        mechanism = loop.env.system.mechanism
+        pictures = draw_clip(moments, mechanism, loop.agent.target, loop.agent.pivot, loop.agent.target_energy)
+        write_clip(path, pictures, 1 / (every * timestep))
+    return episode
+
+
+def draw_clip(
+    moments: list[Moment],
+    mechanism: Mechanism,
+    target: NDArray[np.float32],
+    pivot: NDArray[np.float32],
+    target_energy: float,
+) -> Iterator[NDArray[np.uint8]]:
+    """Draw every moment: the image with keypoints and rods, the target as rings, the energy so far below.
+
+    Args:
+        moments: in order of time.
+        mechanism: tells which keypoints rods connect.
+        target: `[K, 2]` target keypoints, image units.
+        pivot: `[2]`, image units.
+        target_energy: learned energy at rest at the target.
+
+    Yields:
+        `[PANEL + STRIP, PANEL, 3]` uint8.
+    """
+    energies = np.array([moment.energy for moment in moments])
+    low, high = min(energies.min(), target_energy), max(energies.max(), target_energy)
+    heights = 1 - (np.append(energies, target_energy) - low) / max(high - low, 1e-9)
+    last = max(moments[-1].time, 1e-9)
+    curve = [((moment.time / last), height) for moment, height in zip(moments, heights[:-1], strict=True)]
+    for i, moment in enumerate(moments):
+        canvas = Image.new("RGB", (_DETAIL * PANEL, _DETAIL * (PANEL + STRIP)), _GROUND)
+        canvas.paste(Image.fromarray(moment.image).resize((_DETAIL * PANEL, _DETAIL * PANEL), Image.Resampling.NEAREST))
+        draw = ImageDraw.Draw(canvas)
+        _draw_mechanism(draw, mechanism, moment, target, pivot)
+        _draw_energy(draw, curve[: i + 1], float(heights[-1]), moment.time)
+        yield np.asarray(canvas.resize((PANEL, PANEL + STRIP), Image.Resampling.BOX))
+
+
+def write_clip(path: Path, pictures: Iterator[NDArray[np.uint8]], frame_rate: float) -> None:
+    """Write pictures `[H, W, 3]` uint8 of even size as .mp4 or .gif; the file appears only when complete."""
+    with atomic_file(path) as file:
+        if path.suffix.lower() == ".gif":
+            images = [Image.fromarray(picture).quantize(64, dither=Image.Dither.NONE) for picture in pictures]
+            milliseconds = round(1000 / frame_rate)
+            images[0].save(
+                file, "GIF", save_all=True, append_images=images[1:], duration=milliseconds, loop=0, optimize=True
+            )
+            return
+        writer = imageio_ffmpeg.write_frames(
+            file.name,
+            (PANEL, PANEL + STRIP),
+            fps=frame_rate,  # pyright: ignore[reportArgumentType]
+            codec="libx264",
+            quality=None,  # pyright: ignore[reportArgumentType]
+            macro_block_size=1,
+            output_params=["-crf", "20", "-preset", "fast", "-movflags", "+faststart", "-f", "mp4"],
+        )
+        with warnings.catch_warnings():  # subprocess runs a program at once, so JAX's threads are in no danger
+            warnings.filterwarnings("ignore", "os.fork", RuntimeWarning)
+            writer.send(None)
+        for picture in pictures:
+            writer.send(np.ascontiguousarray(picture))
+        writer.close()
+
+
+def _to_canvas(points: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Image units `[..., 2]` to canvas pixels; -1 and 1 are the centres of the outermost pixels."""
+    size = np.array([shape[1], shape[0]])
+    pixels = (points * [1, -1] + 1) / 2 * (size - 1)
+    return (pixels + 0.5) / size * (_DETAIL * PANEL)
+
+
+def _draw_mechanism(
+    draw: ImageDraw.ImageDraw,
+    mechanism: Mechanism,
+    moment: Moment,
+    target: NDArray[np.float32],
+    pivot: NDArray[np.float32],
+) -> None:
+    radius = 5 * _DETAIL
+    points, rings, origin = (_to_canvas(p, moment.image.shape) for p in (moment.keypoints, target, pivot))
+    for x, y in rings:
+        r = 1.6 * radius
+        draw.ellipse((x - r, y - r, x + r, y + r), outline=_TARGET, width=_DETAIL)
+    for rod in mechanism.rods:
+        start = origin if rod.start is None else points[rod.start]
+        draw.line((*start, *points[rod.end]), fill=_KEYPOINT, width=_DETAIL)
+    for x, y in points:
+        draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=_KEYPOINT, outline=_GROUND, width=_DETAIL)
+
+
+def _draw_energy(draw: ImageDraw.ImageDraw, curve: list[tuple[float, float]], target: float, time: float) -> None:
+    """The curve, in shares of the strip's width and height, and the target's level as a dashed line."""
+    margin, top = 10 * _DETAIL, (PANEL + 24) * _DETAIL
+    width, height = PANEL * _DETAIL - 2 * margin, (STRIP - 34) * _DETAIL
+    level = top + target * height
+    for x in range(margin, margin + width, 12 * _DETAIL):
+        draw.line((x, level, x + 6 * _DETAIL, level), fill=_INK, width=_DETAIL)
+    line = [(margin + x * width, top + y * height) for x, y in curve]
+    if len(line) > 1:
+        draw.line(line, fill=_CURVE, width=2 * _DETAIL, joint="curve")
+    x, y = line[-1]
+    draw.ellipse((x - 3 * _DETAIL, y - 3 * _DETAIL, x + 3 * _DETAIL, y + 3 * _DETAIL), fill=_CURVE)
+    label = f"learned energy T + V;  dashed: at the target;  {time:4.1f} s"
+    draw.text((margin, (PANEL + 4) * _DETAIL), label, fill=_INK, font_size=11 * _DETAIL)

@@ -1,0 +1,56 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracle import SYSTEMS, body_of, make_oracle, point_masses
+
+from keycld_control.plant import Plant
+from keycld_control.pumping import gravity_load, plan_pumping
+from keycld_control.skeleton import rod_vectors
+from keycld_envs import get_system
+
+DEFAULT = {"pendulum": 3.0, "cartpole": 3.0, "acrobot": 15.0}
+
+
+def plan(name: str, limit: float):
+    target = jnp.asarray(point_masses(name, (0.0, 0.0)), jnp.float32)
+    bounds = jnp.full(get_system(name).mechanism.num_actions, limit)
+    plant = Plant.of(make_oracle(name))
+    return plan_pumping(plant, target, -bounds, bounds), gravity_load(plant, target, -bounds, bounds)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_default_limits_lift_directly(name):
+    assert plan(name, DEFAULT[name])[0] is None
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "load"),
+    [
+        ("pendulum", 3.0, [0.5 * 9.81 / 6]),
+        ("acrobot", 3.0, [2 * 9.81 / 6, 0.5 * 9.81 / 6]),  # the greatest moments are those of outstretched arms
+        ("cartpole", 0.2, [0.0, 0.05 * 9.81 / 0.2]),
+    ],
+)
+def test_gravity_load_is_that_of_statics(name, limit, load):
+    np.testing.assert_allclose(plan(name, limit)[1], load, rtol=5e-3, atol=1e-5)
+
+
+def test_a_weak_shoulder_pumps_with_a_straight_arm():
+    pump, _ = plan("acrobot", 3.0)
+    assert pump is not None and pump.actuator == 0
+    plant = Plant.of(make_oracle("acrobot"))
+    lengths = body_of("acrobot").unit * body_of("acrobot").lengths
+    for x in pump.curve[::20]:
+        upper, lower = rod_vectors(plant.mechanism, x, plant.pivot)
+        np.testing.assert_allclose(lower / lengths[1], upper / lengths[0], atol=5e-3)
+    angles = np.arctan2(pump.curve[:, 0], pump.curve[:, 1])
+    assert np.ptp(angles) > 6.2  # all the way round
+    top, bottom = (float(plant.potential_energy(jnp.asarray(point_masses("acrobot", (q, 0.0))))) for q in (0.0, np.pi))
+    np.testing.assert_allclose(pump.span, top - bottom, rtol=1e-3)
+    np.testing.assert_allclose(pump.energy, top + 0.02 * (top - bottom), rtol=1e-3)
+
+
+def test_a_weak_pole_pumps_with_the_cart_in_place():
+    pump, _ = plan("cartpole", 0.2)
+    assert pump is not None and pump.actuator == 1
+    np.testing.assert_allclose(pump.curve[:, :2], 0.0, atol=5e-3)
