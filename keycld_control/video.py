@@ -19,6 +19,8 @@ SUFFIXES = (".mp4", ".gif")
 PANEL, STRIP = 384, 96
 """Width and height of the image, height of the energy strip below, pixels."""
 FRAME_RATE = {".mp4": 50.0, ".gif": 20.0}
+REST = 2.0
+"""Seconds at the target after which a clip ends."""
 _DETAIL = 2  # drawn at this multiple of the size, then reduced, for smooth lines
 _KEYPOINT, _TARGET, _CURVE, _INK, _GROUND = "#ffd23f", "#ffffff", "#ff8c42", "#c8cdd3", "#15191e"
 
@@ -51,7 +53,7 @@ def check_clip_path(path: Path) -> None:
 
 
 def film(settings: LoopSettings, path: Path) -> Episode:
-    """Run the first episode of `settings` and write a clip of it, in real time.
+    """Run the first episode of `settings` and write a clip of it, in real time, until it has rested at the target.
 
     Args:
         settings: what to run.
@@ -73,6 +75,7 @@ def film(settings: LoopSettings, path: Path) -> Episode:
                 moments.append(Moment(time, image, loop.agent.keypoints, loop.agent.energy))
 
         episode = run_episode(loop, settings.seed, watch)
+        moments = [moment for moment in moments if moment.time <= episode.upright_s + REST]
         mechanism = loop.env.system.mechanism
         pictures = draw_clip(moments, mechanism, loop.agent.target, loop.agent.pivot, loop.agent.target_energy)
         write_clip(path, pictures, 1 / (every * timestep))
@@ -116,7 +119,7 @@ def write_clip(path: Path, pictures: Iterator[NDArray[np.uint8]], frame_rate: fl
     """Write pictures `[H, W, 3]` uint8 of even size as .mp4 or .gif; the file appears only when complete."""
     with atomic_file(path) as file:
         if path.suffix.lower() == ".gif":
-            images = [Image.fromarray(picture).quantize(64, dither=Image.Dither.NONE) for picture in pictures]
+            images = [Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE) for picture in pictures]
             milliseconds = round(1000 / frame_rate)
             images[0].save(
                 file, "GIF", save_all=True, append_images=images[1:], duration=milliseconds, loop=0, optimize=True

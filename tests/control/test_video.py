@@ -38,6 +38,7 @@ def test_the_energy_curve_grows():
     assert drawn(pictures[0]) < drawn(pictures[2]) < drawn(pictures[4])
 
 
+@pytest.mark.filterwarnings("ignore:os.fork")  # imageio starts ffmpeg to read
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
 def test_clips_hold_every_picture(tmp_path, suffix):
     path = tmp_path / f"clip{suffix}"
