@@ -1,0 +1,45 @@
+"""The shipped weights, from pixels."""
+
+from dataclasses import replace
+
+import pytest
+
+from keycld_control.closed_loop import LoopSettings
+from keycld_control.swingup import swing_up
+from keycld_control.video import film
+from keycld_envs import SYSTEMS
+from keycld_model.world_model import shipped_models
+
+pytestmark = [pytest.mark.slow, pytest.mark.render]
+SEED = 10_000
+NAMES = [name for name in SYSTEMS if "-" not in name]
+
+
+def settings(name: str, **options) -> LoopSettings:
+    if name not in shipped_models():
+        pytest.skip(f"no weights for {name} in this installation")
+    return LoopSettings(name, seed=SEED, **options)
+
+
+@pytest.mark.parametrize("start", ["random", "hanging"])
+@pytest.mark.parametrize("name", NAMES)
+def test_they_swing_up(name, start):
+    result = swing_up(settings(name, start=start), episodes=1)
+    assert result.successes == 1
+    assert result.median_time_to_upright_s < 5
+
+
+def test_they_pump_a_weak_acrobot():
+    assert swing_up(settings("acrobot", start="hanging", action_limit=3.0), episodes=1).successes == 1
+
+
+def test_the_result_does_not_depend_on_the_workers():
+    alone = swing_up(settings("pendulum"), episodes=2)
+    together = swing_up(settings("pendulum"), episodes=2, workers=2)
+    assert replace(alone, act_per_second=0.0) == replace(together, act_per_second=0.0)
+
+
+def test_clips_are_written(tmp_path):
+    episode = film(settings("pendulum", start="hanging"), tmp_path / "clip.mp4")
+    assert episode.success
+    assert (tmp_path / "clip.mp4").stat().st_size > 10_000
