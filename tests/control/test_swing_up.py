@@ -32,11 +32,9 @@ def test_exact_models_swing_up(name, start, limit, pumps):
     target = image_of(point_masses(name, env.system.target_qpos))
     agent = EnergyShapingAgent(make_oracle(name), target, action_space=env.action_space)
     assert agent.pumps == pumps
-    loop = Loop(env, "test", 1000, agent)
-    episodes = [run_episode(loop, SEED + i) for i in range(2)]
-    assert all(episode.success for episode in episodes)
-    assert all(episode.upright_s < 8 for episode in episodes)
-    assert run_episode(loop, SEED).total_reward == episodes[0].total_reward
+    episode = run_episode(Loop(env, "test", 1000, agent), SEED)
+    assert episode.success
+    assert episode.upright_s < 8
 
 
 @pytest.fixture
@@ -44,7 +42,12 @@ def oracle_settings(monkeypatch) -> LoopSettings:
     """An environment and a model that go through the whole library without rendering."""
     env_id = "KeyCLDTest/OraclePendulum-v0"
     if env_id not in gym.registry:
-        gym.register(env_id, entry_point=OracleEnv, max_episode_steps=120, kwargs={"system": "pendulum"})
+        gym.register(
+            env_id,
+            entry_point=lambda **options: OracleEnv(**options),
+            max_episode_steps=120,
+            kwargs={"system": "pendulum"},
+        )
 
     class Shipped:
         @staticmethod
@@ -57,6 +60,7 @@ def oracle_settings(monkeypatch) -> LoopSettings:
 
 def test_swing_up_counts(oracle_settings):
     result = swing_up(oracle_settings, episodes=3)
+    assert replace(swing_up(oracle_settings, episodes=3), act_per_second=result.act_per_second) == result
     assert (result.successes, result.episodes, result.start, result.weights) == (3, 3, "hanging", "pendulum")
     assert 0 < result.median_time_to_upright_s < 1.4
     assert result.act_per_second > 300
