@@ -7,7 +7,7 @@ import_mujoco()
 from keycld_envs.env import KeyCLDEnv  # noqa: E402
 from keycld_envs.errors import InputError  # noqa: E402
 from keycld_envs.mechanism import Mechanism, Rod, Slider  # noqa: E402
-from keycld_envs.registration import make, register, register_all, resolve_env_id  # noqa: E402
+from keycld_envs.registration import make, register, register_all, resolve_env_id, system_of  # noqa: E402
 from keycld_envs.systems import SYSTEMS, Joint, Landmark, System, Tolerance, get_system  # noqa: E402
 
 register_all()
@@ -27,4 +27,5 @@ __all__ = [
     "make",
     "register",
     "resolve_env_id",
+    "system_of",
 ]

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 
 from keycld_envs.errors import InputError
-from keycld_envs.systems import SYSTEMS, System
+from keycld_envs.systems import SYSTEMS, System, get_system
 
 MAX_EPISODE_STEPS = 1000
 _ENTRY_POINT = "keycld_envs.env:KeyCLDEnv"
@@ -76,6 +76,21 @@ def resolve_env_id(name: str) -> str:
     raise InputError(
         f"There is no environment {name!r}; did you mean {', '.join(module + colon + s for s in similar)}?"
     )
+
+
+def system_of(name: str) -> System:
+    """The system of an environment, given its id or short name as for `resolve_env_id`.
+
+    Raises:
+        InputError: if there is no such environment, or it is not one of KeyCLD's.
+    """
+    env_id = resolve_env_id(name)
+    system = gym.spec(env_id).kwargs.get("system")
+    if isinstance(system, str):
+        return get_system(system)
+    if isinstance(system, System):
+        return system
+    raise InputError(f"{env_id} is not an environment of a KeyCLD system; register one with keycld_envs.register.")
 
 
 def _import(module: str, name: str) -> None:

@@ -57,7 +57,6 @@ def versions() -> dict[str, str]:
 def write_checkpoint(folder: str | os.PathLike[str], tensors: Mapping[str, Any], meta: Mapping[str, Any]) -> Path:
     """Write a checkpoint; a kill leaves either the old one or the new one.
 
-
     Args:
         folder: created if absent.
         tensors: nested dictionary of arrays.

@@ -18,7 +18,7 @@ class NetworkConfig:
         folding: 2 folds 2x2 pixels into channels (a quarter of the arithmetic), 1 works at full resolution.
         saliency: initial attention of the heatmaps to what differs from the mean frame; 0 has none.
         constants: channels of the renderer's constant tensor; None makes it and the Gaussian maps `width` together.
-        gaussian_width: standard deviation of the Gaussian maps, image units.
+        gaussian_widths: standard deviations of the Gaussian maps, image units.
         segment_widths: standard deviations of distance maps of the rods, image units; empty has none.
         background: the renderer adds a learned logit per pixel, which starts at the mean frame.
         hidden: width of the hidden layers of V(x) and g(x).
@@ -31,8 +31,8 @@ class NetworkConfig:
     folding: int = 2
     saliency: float = 20.0
     constants: int | None = 8
-    gaussian_width: float = 0.1
-    segment_widths: tuple[float, ...] = (0.05, 0.15)
+    gaussian_widths: tuple[float, ...] = (0.04, 0.12)
+    segment_widths: tuple[float, ...] = (0.02, 0.06, 0.15)
     background: bool = True
     hidden: int = 32
     force_scale: float = 10.0
@@ -45,6 +45,7 @@ PAPER_NETWORKS = NetworkConfig(
     folding=1,
     saliency=0.0,
     constants=None,
+    gaussian_widths=(0.1,),
     segment_widths=(),
     background=False,
     force_scale=1.0,
@@ -94,7 +95,8 @@ class ModelConfig:
         """
         try:
             networks = dict(data["networks"])
-            networks["segment_widths"] = tuple(networks["segment_widths"])
+            for name in ("gaussian_widths", "segment_widths"):
+                networks[name] = tuple(networks[name])
             missing = {f.name for f in fields(NetworkConfig)} - set(networks)
             if missing:
                 raise KeyError(*sorted(missing))

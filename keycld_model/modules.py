@@ -44,7 +44,7 @@ class Parts:
                 net.groups,
                 net.folding,
                 net.width - k if net.constants is None else net.constants,
-                net.gaussian_width,
+                net.gaussian_widths,
                 net.segment_widths,
                 net.background,
                 rngs,

@@ -2,8 +2,8 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,9 @@ from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
 from keycld_model.checkpoint import read_checkpoint, write_checkpoint
 from keycld_model.config import ModelConfig
-from keycld_model.modules import Parameters, Parts
+from keycld_model.modules import Parameters, Parts, as_float
 from keycld_model.physics import mass_matrix
-from keycld_model.state_estimation import estimate_state
+from keycld_model.state_estimation import estimate_state, refine_state
 
 Floats = NDArray[np.float32]
 CONTEXT_FRAMES = 5
@@ -94,6 +94,13 @@ class WorldModel:
         """Write a checkpoint (safetensors and JSON) that `load` reads."""
         meta = {k: v for k, v in (self.meta or {}).items() if k not in ("schema", "versions", "config")}
         return write_checkpoint(folder, {"model": self.parameters}, {"config": self.config.to_dict(), **meta})
+
+    def with_parameters(self, parameters: Parameters) -> "WorldModel":
+        """The same architecture with other parameters, sharing what is compiled already."""
+        other = replace(self, parameters=parameters)
+        for name in ("parts", "_rollouts", "_batched", "_keypoints"):
+            other.__dict__[name] = getattr(self, name)
+        return other
 
     # What the model is of -------------------------------------------------------------------------------------------
 
@@ -175,15 +182,15 @@ class WorldModel:
 
     def render(self, x: ArrayLike) -> Floats:
         """Draw frames [..., H, W, 3] (0 to 1) of keypoints [..., K, 2]."""
-        return self._map(lambda p, x: self.parts.render(p, x[None])[0], x)
+        return self._map("render", x)
 
     def potential_energy(self, x: ArrayLike) -> Floats:
         """V(x) of keypoints [..., K, 2]: [...], image units squared per second squared, per total mass."""
-        return self._map(lambda p, x: self.parts.dynamics(p).potential_energy(x), x)
+        return self._map("potential_energy", x)
 
     def input_matrix(self, x: ArrayLike) -> Floats:
         """g(x) of keypoints [..., K, 2]: [..., 2K, m], force per total mass and unit of action."""
-        return self._map(lambda p, x: self.parts.dynamics(p).input_matrix(x), x)
+        return self._map("input_matrix", x)
 
     def mass_matrix(self) -> Floats:
         """M, [2K, 2K], diagonal, of trace 2: every mass counts in x and in y."""
@@ -191,13 +198,13 @@ class WorldModel:
 
     def constraint(self, x: ArrayLike) -> Floats:
         """Phi(x) - level of keypoints [..., K, 2]: [..., c], zero where the mechanism can be."""
-        return self._map(lambda p, x: self.parts.dynamics(p).constraint(x) - p["dynamics"]["level"], x)
+        return self._map("constraint", x)
 
     def predict(self, images: ArrayLike, actions: ArrayLike, steps: int) -> Prediction:
         """Predict a sequence from its first frames.
 
-        The state at the first frame is the least-squares fit of a trajectory of the model to the keypoints of all given
-        frames; the model then runs on its own.
+        The state at the first frame is the least-squares fit of a trajectory of the model to all given frames, first to
+        their keypoints, then to their pixels; the model then runs on its own.
 
         Args:
             images: [C, H, W, 3], the first C >= 2 frames, uint8 or float in 0 to 1.
@@ -208,39 +215,44 @@ class WorldModel:
             InputError: if there are fewer than two frames, too few actions, or arrays of other sizes or with NaN.
         """
         frames = self._images(images)
-        if frames.ndim != 4 or not 2 <= len(frames):
+        if frames.ndim != 4 or not len(frames) >= 2:
             raise InputError(f"images has shape {frames.shape}; a prediction starts from [C, H, W, 3], C at least 2.")
         if steps < len(frames):
             raise InputError(f"steps is {steps}, but {len(frames)} frames are given; ask for at least as many.")
-        u = self._actions(actions, steps - 1)
-        keypoints = self._keypoints(self.parameters, frames).reshape(1, len(frames), -1)
-        x, v = self._rollouts(self.parameters, keypoints, u[None])
-        shape = (steps, self.mechanism.num_keypoints, 2)
-        keypoints = np.asarray(x)[0].reshape(shape)
-        return Prediction(self.render(keypoints), keypoints, np.asarray(v)[0].reshape(shape))
+        keypoints, velocities = self.rollout(frames[None], self._actions(actions, steps - 1)[None])
+        return Prediction(self.render(keypoints[0]), keypoints[0], velocities[0])
 
-    def rollout(self, keypoints: ArrayLike, actions: ArrayLike) -> tuple[Floats, Floats]:
-        """Predict many sequences of keypoints from their first ones.
+    def rollout(self, images: ArrayLike, actions: ArrayLike, refine: bool = True) -> tuple[Floats, Floats]:
+        """Predict the keypoints of many sequences from their first frames.
 
         Args:
-            keypoints: [N, C, K, 2] keypoints of the first C >= 2 frames.
+            images: [N, C, H, W, 3], C >= 2, uint8 or float in 0 to 1.
             actions: [N, T-1, m].
+            refine: fit the initial state to the pixels, not only to the keypoints.
 
         Returns:
-            Keypoints and velocities [N, T, K, 2].
+            Keypoints and velocities [N, T, K, 2], image units (per second).
         """
-        y = np.asarray(keypoints, np.float32)
-        x, v = self._rollouts(self.parameters, y.reshape(*y.shape[:2], -1), np.asarray(actions, np.float32))
-        return (np.asarray(x).reshape(*x.shape[:2], *y.shape[2:]), np.asarray(v).reshape(*x.shape[:2], *y.shape[2:]))
+        frames, u = self._images(images), np.asarray(actions, np.float32)
+        function = self._rollouts[refine]
+        states = [function(self.parameters, z, a) for z, a in zip(frames, u, strict=True)]
+        shape = (len(frames), u.shape[1] + 1, self.mechanism.num_keypoints, 2)
+        x, v = (np.stack([np.asarray(s[i]) for s in states]).reshape(shape) for i in (0, 1))
+        return x, v
 
     @cached_property
-    def _rollouts(self) -> Callable[[Parameters, ArrayLike, ArrayLike], tuple[Array, Array]]:
-        def one(parameters: Parameters, y: Array, u: Array) -> tuple[Array, Array]:
-            dynamics = self.parts.dynamics(parameters)
-            x, v = estimate_state(dynamics, y, u[: y.shape[0] - 1], self.timestep)
-            return dynamics.rollout(x, v, u, self.timestep)
+    def _rollouts(self) -> dict[bool, Callable[[Parameters, ArrayLike, ArrayLike], tuple[Array, Array]]]:
+        h = self.timestep
 
-        return jax.jit(jax.vmap(one, in_axes=(None, 0, 0)))
+        def one(parameters: Parameters, frames: Array, u: Array, refine: bool) -> tuple[Array, Array]:
+            dynamics, first = self.parts.dynamics(parameters), u[: frames.shape[0] - 1]
+            state = estimate_state(dynamics, self.parts.keypoints(parameters, frames), first, h)
+            if refine:
+                draw = partial(self.parts.render, parameters)
+                state = refine_state(dynamics, draw, as_float(frames), first, h, state)
+            return dynamics.rollout(*state, u, h)
+
+        return {refine: jax.jit(partial(one, refine=refine)) for refine in (False, True)}
 
     @cached_property
     def _keypoints(self) -> Callable[[Parameters, NDArray[Any]], Floats]:
@@ -252,15 +264,28 @@ class WorldModel:
 
         return in_chunks
 
-    def _map(self, function: Callable[[Parameters, Array], Array], x: ArrayLike, chunk: int = 1024) -> Floats:
-        """Apply a function of one position `[n]` to keypoints [..., K, 2]."""
+    @cached_property
+    def _batched(self) -> dict[str, Callable[[Parameters, ArrayLike], Array]]:
+        """Compiled functions of positions `[B, n]`."""
+        of = self.parts.dynamics
+        functions = {
+            "potential_energy": lambda p, x: jax.vmap(of(p).potential_energy)(x),
+            "input_matrix": lambda p, x: jax.vmap(of(p).input_matrix)(x),
+            "constraint": lambda p, x: jax.vmap(of(p).constraint)(x) - p["dynamics"]["level"],
+            "render": self.parts.render,
+        }
+        return {name: jax.jit(function) for name, function in functions.items()}
+
+    def _map(self, name: str, x: ArrayLike, chunk: int = 64) -> Floats:
+        """Apply a function of positions `[B, n]` to keypoints [..., K, 2], a fixed number at a time."""
         array = np.asarray(x, np.float32)
         k = self.mechanism.num_keypoints
         if array.shape[-2:] != (k, 2):
             raise InputError(f"x has shape {array.shape}; this model needs keypoints of shape [..., {k}, 2].")
         flat = array.reshape(-1, 2 * k)
-        mapped = jax.jit(jax.vmap(function, in_axes=(None, 0)))
-        parts = [np.asarray(mapped(self.parameters, flat[i : i + chunk])) for i in range(0, len(flat), chunk)]
+        parts = [
+            np.asarray(self._batched[name](self.parameters, flat[i : i + chunk])) for i in range(0, len(flat), chunk)
+        ]
         result = np.concatenate(parts)
         return result.reshape(*array.shape[:-2], *result.shape[1:])
 
@@ -290,6 +315,3 @@ def shipped_models() -> dict[str, Path]:
     """Name and folder of every model inside the package."""
     root = Path(str(resources.files("keycld_model"))) / "weights"
     return {folder.name: folder for folder in sorted(root.iterdir()) if folder.is_dir()} if root.is_dir() else {}
-
-
-

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jax import Array
 
-from keycld_model.nets.hourglass import Hourglass, grid, unfold
+from keycld_model.nets.hourglass import Hourglass, fold, grid, unfold
 
 Segment = tuple[int | None, int]
 """A line between two keypoints, or from the fixed pivot (None) to a keypoint."""
@@ -21,7 +21,7 @@ class Renderer(nnx.Module):
         groups: groups of its normalisation.
         folding: 1 works at full resolution as in the paper; 2 unfolds channels to 2x2 pixels at the end.
         constants: channels of the learned constant tensor.
-        gaussian_width: standard deviation of the Gaussian maps, image units.
+        gaussian_widths: standard deviations of the Gaussian maps, image units; the paper has one.
         segment_widths: standard deviations of the distance maps, image units.
         background: learn one logit per pixel that is added to the output.
         rngs: initialisation.
@@ -36,7 +36,7 @@ class Renderer(nnx.Module):
         groups: int,
         folding: int,
         constants: int,
-        gaussian_width: float,
+        gaussian_widths: tuple[float, ...],
         segment_widths: tuple[float, ...],
         background: bool,
         rngs: nnx.Rngs,
@@ -44,17 +44,19 @@ class Renderer(nnx.Module):
         self.segments = segments
         self.image_shape = image_shape
         self.folding = folding
-        self.gaussian_width = gaussian_width
+        self.gaussian_widths = gaussian_widths
         self.segment_widths = segment_widths
         h, w = image_shape[0] // folding, image_shape[1] // folding
         self.constant = nnx.Param(nnx.initializers.normal(1.0)(rngs.params(), (h, w, constants)))
         self.background = nnx.Param(jnp.zeros((*image_shape, 3))) if background else None
-        inputs = num_keypoints + len(segments) * len(segment_widths) + constants
-        self.hourglass = Hourglass(inputs, 3 * folding**2, width, groups, rngs, 0.1 if background else 1.0)
+        maps = num_keypoints * len(gaussian_widths) + len(segments) * len(segment_widths)
+        self.hourglass = Hourglass(
+            maps * folding**2 + constants, 3 * folding**2, width, groups, rngs, 0.1 if background else 1.0
+        )
 
     def maps(self, keypoints: Array, pivot: Array) -> Array:
-        """Gaussian maps (equation 9), then distance maps of the segments, `[B, H/f, W/f, C]`."""
-        cells = grid(*self.image_shape, self.folding)[None]
+        """Gaussian maps (equation 9), then distance maps of the segments, `[B, H, W, C]`."""
+        cells = grid(*self.image_shape, 1)[None]
 
         def distance(a: Array, b: Array) -> Array:
             a, b = a[:, None, None], b[:, None, None]
@@ -63,7 +65,7 @@ class Renderer(nnx.Module):
             return jnp.sum((cells - a - t[..., None] * along) ** 2, -1)
 
         points = [keypoints[:, k] for k in range(keypoints.shape[1])]
-        squared = [(jnp.sum((cells - p[:, None, None]) ** 2, -1), (self.gaussian_width,)) for p in points]
+        squared = [(jnp.sum((cells - p[:, None, None]) ** 2, -1), self.gaussian_widths) for p in points]
         for start, end in self.segments:
             a = jnp.broadcast_to(pivot, points[end].shape) if start is None else points[start]
             squared.append((distance(a, points[end]), self.segment_widths))
@@ -76,7 +78,7 @@ class Renderer(nnx.Module):
             keypoints: `[B, K, 2]`, image units.
             pivot: `[2]`, image units.
         """
-        maps = self.maps(keypoints, pivot)
+        maps = fold(self.maps(keypoints, pivot), self.folding)
         constant = jnp.broadcast_to(self.constant[...], (maps.shape[0], *self.constant[...].shape))
         logits = unfold(self.hourglass(jnp.concatenate([constant, maps], axis=-1)), self.folding)
         if self.background is not None:

@@ -1,0 +1,39 @@
+"""Score a world model on recordings."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from keycld_control.cli._output import print_result
+
+
+@dataclass(frozen=True)
+class Args:
+    """Score a world model on any data set of recordings; of its own training set, only the held-out part counts.
+
+    Attributes:
+        checkpoint: Path of a checkpoint, or a system's name for the shipped weights.
+        data: Folder of recordings.
+        context: Frames that each prediction starts from.
+        frames: Recordings are cut into sequences of at most this many frames.
+        seed: Has no effect: every figure is a fixed function of model and data.
+        json: Print one JSON object.
+    """
+
+    checkpoint: Positional[str]
+    data: Path
+    context: int = 5
+    frames: int = 50
+    seed: int = 0
+    json: bool = False
+
+
+def run(args: Args) -> None:
+    """Evaluate and print the scores."""
+    from keycld_envs.recordings import read_dataset
+    from keycld_model import WorldModel
+    from keycld_model.evaluation import evaluate
+
+    scores = evaluate(WorldModel.load(args.checkpoint), read_dataset(args.data), args.context, args.frames)
+    print_result(asdict(scores), as_json=args.json)

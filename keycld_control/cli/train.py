@@ -1,0 +1,77 @@
+"""Train a world model on recordings."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from keycld_control.cli._output import print_result
+
+
+@dataclass(frozen=True)
+class Args:
+    """Train a world model. Run again with the same settings, it continues where it stopped.
+
+    Attributes:
+        system: Short name (pendulum, cartpole, acrobot), environment id, module:id of your own, or a JSON file with a
+            mechanism's declaration for recordings of a camera.
+        data: Folder of recordings.
+        out: Folder for the checkpoint and the log.
+        preset: Recipe: "default" (minutes on two CPU cores) or "paper" (the paper's exact hyperparameters; days).
+        validation: Fraction of the recordings held out.
+        seed: Seed of initialisation and batches.
+        json: Print one JSON object.
+    """
+
+    system: Positional[str]
+    data: Path
+    out: Path
+    preset: str = "default"
+    validation: float = 0.1
+    seed: int = 0
+    json: bool = False
+
+
+def run(args: Args) -> None:
+    """Train and print the summary."""
+    import json
+
+    from keycld_envs import resolve_env_id, system_of
+    from keycld_envs.errors import InputError
+    from keycld_envs.mechanism import Mechanism
+    from keycld_envs.recordings import read_dataset
+    from keycld_model.config import ModelConfig
+    from keycld_model.training import PRESETS, train
+
+    if args.preset not in PRESETS:
+        raise InputError(f"There is no preset {args.preset!r}; there are {', '.join(PRESETS)}.")
+    if args.system.endswith(".json"):
+        try:
+            mechanism = Mechanism.from_dict(json.loads(Path(args.system).read_text(encoding="utf-8")))
+        except (OSError, ValueError) as error:
+            raise InputError(f"{args.system} is no readable mechanism declaration: {error}") from error
+        name = None
+    else:
+        name = resolve_env_id(args.system)
+        mechanism = system_of(name).mechanism
+    dataset = read_dataset(args.data)
+    if name is not None and dataset.system is not None and dataset.system != name:
+        raise InputError(f"{args.data} records {dataset.system}, not {name}; name the system that was recorded.")
+    sequences = dataset.sequences()
+    config = ModelConfig(
+        mechanism=mechanism,
+        timestep=round(sequences.timestep, 9),
+        image_shape=(sequences.frames.shape[2], sequences.frames.shape[3]),
+        system=name,
+        networks=PRESETS[args.preset].networks,
+    )
+    result = train(dataset, config, args.out, args.preset, args.seed, args.validation)
+    summary = {
+        "system": name,
+        "checkpoint": str(result.folder),
+        "steps": result.steps,
+        "seconds": round(result.seconds, 1),
+        "validation_vpt": result.validation_vpt,
+        "seed": args.seed,
+    }
+    print_result(summary, as_json=args.json)

@@ -1,0 +1,74 @@
+"""Joint angles and slider positions that keypoints show, and how well they agree with measured ones."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.mechanism import Mechanism
+
+Floats = NDArray[np.floating]
+
+
+def joint_angles(mechanism: Mechanism, keypoints: Floats) -> Floats:
+    """Angle of every rod, clockwise from straight up, relative to the rod that it hangs on if there is one.
+
+    Args:
+        mechanism: the declaration.
+        keypoints: [..., K, 2], image units.
+
+    Returns:
+        [..., R] rad, one per rod, in the order of declaration.
+    """
+    absolute = []
+    for rod in mechanism.rods:
+        start = np.asarray(mechanism.pivot) if rod.start is None else keypoints[..., rod.start, :]
+        along = keypoints[..., rod.end, :] - start
+        absolute.append(np.arctan2(along[..., 0], along[..., 1]))
+    ends = [rod.end for rod in mechanism.rods]
+    relative = [
+        angle - absolute[ends.index(rod.start)] if rod.start in ends else angle
+        for rod, angle in zip(mechanism.rods, absolute, strict=True)
+    ]
+    return wrap(np.stack(relative, axis=-1)) if relative else np.empty((*keypoints.shape[:-2], 0))
+
+
+def slider_positions(mechanism: Mechanism, keypoints: Floats) -> Floats:
+    """Position of every slider along its rail, [..., S] image units, in the order of declaration."""
+    positions = [
+        (keypoints[..., s.keypoint, :] - np.asarray(mechanism.pivot)) @ np.array([s.normal[1], -s.normal[0]])
+        for s in mechanism.sliders
+    ]
+    return np.stack(positions, axis=-1) if positions else np.empty((*keypoints.shape[:-2], 0))
+
+
+def circular_r2(decoded: Floats, true: Floats) -> float:
+    """Share of the circular spread of `true` angles that `decoded` ones explain; 1 is perfect.
+
+    A keypoint may sit anywhere on its link and a joint may count the other way round, so one constant offset and the
+    sense of rotation are free.
+
+    Args:
+        decoded: angles, rad.
+        true: angles of the same shape, rad.
+    """
+    spread = np.sum(wrap(true - circular_mean(true)) ** 2)
+    best = -np.inf
+    for sense in (1.0, -1.0):
+        error = wrap(sense * decoded - true)
+        error = wrap(error - circular_mean(error))
+        best = max(best, 1.0 - float(np.sum(error**2) / spread))
+    return best
+
+
+def linear_r2(decoded: Floats, true: Floats) -> float:
+    """Squared correlation: offset and scale of the rail are free."""
+    return float(np.corrcoef(decoded.ravel(), true.ravel())[0, 1] ** 2)
+
+
+def circular_mean(angles: Floats) -> float:
+    """Direction of the mean unit vector, rad."""
+    return float(np.arctan2(np.sin(angles).mean(), np.cos(angles).mean()))
+
+
+def wrap(angles: Floats) -> Floats:
+    """Into [-pi, pi)."""
+    return (angles + np.pi) % (2 * np.pi) - np.pi

@@ -1,0 +1,7 @@
+"""Learning a world model from recordings."""
+
+from keycld_model.training.data import TrainingData
+from keycld_model.training.loop import TrainingError, TrainingResult, train
+from keycld_model.training.presets import PRESETS, Preset
+
+__all__ = ["PRESETS", "Preset", "TrainingData", "TrainingError", "TrainingResult", "train"]

@@ -1,0 +1,71 @@
+"""Recordings as the arrays that training needs."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import Dataset
+
+SHORTEST = 8
+"""Frames; fewer leave nothing to fit a motion to."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingData:
+    """Sequences of equal length.
+
+    Attributes:
+        frames: [N, T, H, W, 3] uint8.
+        actions: [N, T-1, m] float32, held between frames.
+        timestep: seconds between frames.
+    """
+
+    frames: NDArray[np.uint8]
+    actions: NDArray[np.float32]
+    timestep: float
+    memory: dict[str, Any] = field(default_factory=dict, repr=False)
+    """What was last computed from all frames; see `keypoint_table`."""
+
+    @classmethod
+    def from_dataset(cls, dataset: Dataset, length: int = 50) -> "TrainingData":
+        """Cut the recordings into sequences of at most `length` frames.
+
+        Raises:
+            InputError: if the recordings cannot be stacked, have no actions, or are shorter than 8 frames.
+        """
+        stacked = dataset.sequences()
+        t = stacked.frames.shape[1]
+        if t < SHORTEST:
+            raise InputError(f"{dataset.folder}: recordings have {t} frames; training needs at least {SHORTEST}.")
+        length = min(length, t)
+        starts = range(0, t - length + 1, length)
+        frames = np.concatenate([stacked.frames[:, s : s + length] for s in starts])
+        actions = np.concatenate([stacked.actions[:, s : s + length - 1] for s in starts]).astype(np.float32)
+        return cls(frames, actions, stacked.timestep)
+
+    @property
+    def num_sequences(self) -> int:
+        """N."""
+        return self.frames.shape[0]
+
+    @property
+    def length(self) -> int:
+        """T, frames per sequence."""
+        return self.frames.shape[1]
+
+    @cached_property
+    def flat_frames(self) -> NDArray[np.uint8]:
+        """[N*T, H, W, 3], sequence by sequence."""
+        return self.frames.reshape(-1, *self.frames.shape[2:])
+
+    @cached_property
+    def mean_frame(self) -> NDArray[np.float32]:
+        """[H, W, 3] mean of all frames, 0 to 1."""
+        total = np.zeros(self.frames.shape[2:], np.float64)
+        for sequence in self.frames:
+            total += sequence.sum(axis=0, dtype=np.uint32)
+        return (total / (255.0 * len(self.flat_frames))).astype(np.float32)

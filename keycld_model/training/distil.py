@@ -1,0 +1,83 @@
+"""Stage 3: teach both networks the trajectories that the Lagrangian explains."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from keycld_model.modules import Parts, as_float
+from keycld_model.training.data import TrainingData
+from keycld_model.training.keypoint_tables import keypoint_table, slide_along_rods
+from keycld_model.training.stage import Batch, Context, Stage, Variables
+
+DISTRUST = 0.05
+"""Frames whose keypoints are this far (image units) from their trajectory hardly count."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distil(Stage):
+    """Regress keypoints on, and draw frames from, the fitted trajectories.
+
+    A trajectory averages the errors of all its frames, so it is a better label than any single frame's keypoints.
+
+    Attributes:
+        keypoint_weight: weight of the distance to the trajectory, per image unit.
+    """
+
+    name: str = "distil"
+    trained: tuple[str, ...] = ("estimator", "renderer")
+    keypoint_weight: float = 30.0
+
+    def prepare(self, parts: Parts, variables: Variables, data: TrainingData) -> Context:
+        """Positions `[N*T, n]` on the trajectories, and how much each frame counts."""
+        rollout = jax.jit(
+            lambda dynamics, x, v, u: jax.vmap(
+                lambda x, v, u: parts.dynamics({"dynamics": dynamics}).rollout(x, v, u, data.timestep)[0]
+            )(x, v, u)
+        )
+        start = variables["trajectories"]
+        target = np.asarray(rollout(variables["dynamics"], start["x"], start["v"], data.actions))
+        # Weights stay those of the keypoints at the start of the stage, which "trust" remembers.
+        weight = np.asarray(variables["trust"])
+        n = target.shape[-1]
+        return {"target": target.reshape(-1, n), "weight": weight.reshape(-1)}
+
+    def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
+        """Compare trajectories and keypoints once, before the keypoints change."""
+        context = self.prepare(parts, {**variables, "trust": jnp.ones((1,))}, data)
+        keypoints = slide_along_rods(
+            parts.config.mechanism, variables["rod_scale"], jnp.asarray(keypoint_table(parts, variables, data))
+        )
+        error = context["target"].reshape(*keypoints.shape[:2], -1, 2) - np.asarray(keypoints).reshape(
+            *keypoints.shape[:2], -1, 2
+        )
+        worst = np.sqrt((error**2).sum(-1)).max(-1)
+        trust = np.exp(-((worst / DISTRUST) ** 2)) * (np.median(worst, axis=1, keepdims=True) < DISTRUST)
+        return {**variables, "trust": jnp.asarray(trust, jnp.float32)}
+
+    def draw(self, context: Context, data: TrainingData, rng: np.random.Generator) -> Batch:
+        """Frames from anywhere."""
+        i = rng.integers(0, len(data.flat_frames), self.batch)
+        return {"frames": data.flat_frames[i], "target": context["target"][i], "weight": context["weight"][i]}
+
+    def loss(self, parts: Parts, variables: Variables, batch: Batch) -> tuple[Array, dict[str, Array]]:
+        """Weighted squared error per frame plus weighted distance of the keypoints."""
+        frames, target = as_float(batch["frames"]), batch["target"]
+        x = parts.keypoints(variables, frames)
+        reconstruction = jnp.sum((parts.render(variables, target) - frames) ** 2, axis=(1, 2, 3))
+        error = (x - target).reshape(x.shape[0], -1, 2)
+        distance = jnp.sum(jnp.sqrt(jnp.sum(error**2, axis=-1) + 1e-6), axis=-1)
+        loss = jnp.mean(batch["weight"] * (reconstruction + self.keypoint_weight * distance))
+        metrics = {
+            "reconstruction": jnp.mean(reconstruction),
+            "distance": jnp.mean(distance) / error.shape[1],
+            "trusted": jnp.mean(batch["weight"]),
+            "keypoint_spread": jnp.std(x, 0),
+        }
+        return loss, metrics
+
+    def leave(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
+        """The keypoints are now where the masses are."""
+        return {**variables, "rod_scale": jnp.zeros_like(variables["rod_scale"])}

@@ -1,0 +1,265 @@
+"""Runs the stages, logs, saves, resumes."""
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from keycld_envs.errors import InputError
+from keycld_envs.progress import progress
+from keycld_envs.recordings import Dataset
+from keycld_model.checkpoint import read_checkpoint, write_checkpoint
+from keycld_model.config import ModelConfig
+from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, valid_frames
+from keycld_model.modules import Parts
+from keycld_model.training import log
+from keycld_model.training.data import TrainingData
+from keycld_model.training.presets import PRESETS, Preset
+from keycld_model.training.stage import Batch, Stage, Variables, model_parameters
+from keycld_model.world_model import WorldModel
+
+LOG_EVERY = 100
+SAVE_EVERY = 30.0
+"""Seconds between checkpoints of a running stage."""
+COLLAPSED = 0.01
+"""Image units; keypoints that vary less over a batch carry no motion."""
+STATE = "state"
+
+
+class TrainingError(InputError):
+    """Training cannot go on; the message says what to change. What was saved is intact."""
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """What a finished run reached.
+
+    Attributes:
+        model: the trained world model.
+        folder: the checkpoint.
+        steps: optimiser steps in all.
+        seconds: computing time of all sessions of the run.
+        validation_vpt: mean valid prediction time on held-out recordings, fraction of the frames.
+    """
+
+    model: WorldModel
+    folder: Path
+    steps: int
+    seconds: float
+    validation_vpt: float
+
+
+def train(
+    dataset: Dataset,
+    config: ModelConfig,
+    out: str | os.PathLike[str],
+    preset: str | Preset = "default",
+    seed: int = 0,
+    validation: float = 0.1,
+) -> TrainingResult:
+    """Train a world model; a run that was interrupted continues where it stopped, with the same result.
+
+    Args:
+        dataset: recordings; every tenth is held out for validation by default.
+        config: mechanism, frame interval, image size, networks (`preset.networks` unless you change them).
+        out: folder for the checkpoint, `log.jsonl`, and the state of an unfinished run (`state/`).
+        preset: recipe, or its name.
+        seed: seed of initialisation and batches.
+        validation: fraction of recordings held out.
+
+    Returns:
+        The trained model and its score.
+
+    Raises:
+        InputError: if the data do not fit, or `out` holds another run.
+        TrainingError: if the loss is no longer finite, or the keypoints collapse to a constant.
+    """
+    name = preset if isinstance(preset, str) else "custom"
+    if isinstance(preset, str):
+        if preset not in PRESETS:
+            raise InputError(f"There is no preset {preset!r}; there are {', '.join(PRESETS)}.")
+        preset = PRESETS[preset]
+    held_in, held_out = dataset.split(validation)
+    data = TrainingData.from_dataset(held_in, preset.length)
+    test = TrainingData.from_dataset(held_out, preset.length)
+    _check(data, config, dataset)
+    meta = {
+        "config": config.to_dict(),
+        "preset": name,
+        "stages": [{"kind": type(s).__name__, **asdict(s)} for s in preset.stages],
+        "seed": seed,
+        "validation": validation,
+        "data": {"sha256": dataset.sha256, "folder": dataset.folder.name, "recordings": len(dataset)},
+    }
+    run = _Run(Path(out), Parts(config), preset, data, test, seed, jax.tree.map(_plain, meta))
+    return run.finish()
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _check(data: TrainingData, config: ModelConfig, dataset: Dataset) -> None:
+    shape = data.frames.shape[2:4]
+    if shape != config.image_shape:
+        raise InputError(
+            f"{dataset.folder} has frames of {shape[1]}x{shape[0]} pixels, the model expects "
+            f"{config.image_shape[1]}x{config.image_shape[0]}; change image_shape or the data set."
+        )
+    if data.actions.shape[2] != config.mechanism.num_actions:
+        raise InputError(
+            f"{dataset.folder} has {data.actions.shape[2]} actions per frame, the mechanism has "
+            f"{config.mechanism.num_actions}; train with the system that was recorded."
+        )
+    if abs(data.timestep / config.timestep - 1) > 0.05:
+        raise InputError(
+            f"{dataset.folder} has a frame every {data.timestep:g} s, the model expects {config.timestep:g} s; "
+            "change timestep or the data set."
+        )
+
+
+@dataclass
+class _Run:
+    folder: Path
+    parts: Parts
+    preset: Preset
+    data: TrainingData
+    test: TrainingData
+    seed: int
+    meta: dict[str, Any]
+
+    def finish(self) -> TrainingResult:
+        """Run or resume to the end."""
+        stage, done, seconds, variables, optimiser = self._resume()
+        self._epsilon = static_error(self.data.frames)
+        self._model = WorldModel(self.parts.config, model_parameters(variables))
+        total = sum(s.steps for s in self.preset.stages[:stage]) + done
+        with progress("Training", total=self.preset.steps) as advance:
+            advance(total)
+            for index in range(stage, len(self.preset.stages)):
+                started = time.perf_counter()
+                variables = self._stage(index, done, seconds, variables, optimiser, advance)
+                done, optimiser = 0, None
+                score = self._score(variables)
+                seconds += time.perf_counter() - started
+                step = sum(s.steps for s in self.preset.stages[: index + 1])
+                name = self.preset.stages[index].name
+                log.append(self.folder, {"step": step, "stage": name, "validation_vpt": score, "seconds": seconds})
+                advance(0, f"{name}: validation VPT {score:.2f}")
+                self._save(index + 1, 0, seconds, variables, None)
+        started = time.perf_counter()
+        score = self._score(variables, refine=True)
+        seconds += time.perf_counter() - started
+        summary = {"seconds": round(seconds, 1), "steps": self.preset.steps, "validation_vpt": score}
+        model = WorldModel(
+            self.parts.config,
+            model_parameters(variables),
+            str(self.folder),
+            {**self.meta, **summary, "epsilon": self._epsilon},
+        )
+        model.save(self.folder)
+        return TrainingResult(model, self.folder, self.preset.steps, seconds, score)
+
+    def _resume(self) -> tuple[int, int, float, Variables, Any]:
+        if not (self.folder / STATE).exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            (self.folder / log.NAME).unlink(missing_ok=True)
+            return 0, 0, 0.0, jax.tree.map(jnp.asarray, self.parts.initial(self.seed)), None
+        tensors, meta = read_checkpoint(self.folder / STATE)
+        for key, value in self.meta.items():
+            if meta.get(key) != value:
+                raise InputError(
+                    f"{self.folder} holds a run with another {key}; continue it with the same settings and data, or "
+                    "choose another --out."
+                )
+        log.rewind(self.folder, meta["step"])
+        variables = jax.tree.map(jnp.asarray, tensors["variables"])
+        return meta["stage"], meta["done"], meta["seconds"], variables, tensors.get("optimiser")
+
+    def _save(self, stage: int, done: int, seconds: float, variables: Variables, optimiser: Any) -> None:
+        tensors = {"variables": variables}
+        if optimiser is not None:
+            tensors["optimiser"] = {f"{i:04d}": leaf for i, leaf in enumerate(jax.tree.leaves(optimiser))}
+        step = sum(s.steps for s in self.preset.stages[:stage]) + done
+        position = {"stage": stage, "done": done, "step": step, "seconds": seconds}
+        write_checkpoint(self.folder / STATE, tensors, {**self.meta, **position})
+
+    def _stage(
+        self, index: int, done: int, seconds: float, variables: Variables, saved: Any, advance: Callable[..., None]
+    ) -> Variables:
+        stage, started = self.preset.stages[index], time.perf_counter()
+        if saved is None:
+            variables = stage.enter(self.parts, variables, self.data)
+        context = stage.prepare(self.parts, variables, self.data)
+        trained = {key: variables[key] for key in stage.trained}
+        frozen = {key: value for key, value in variables.items() if key not in trained}
+        optimiser = stage.optimiser()
+        state = optimiser.init(trained)
+        if saved is not None:
+            leaves = [jnp.asarray(saved[key]) for key in sorted(saved)]
+            state = jax.tree.unflatten(jax.tree.structure(state), leaves)
+        step = make_step(self.parts, stage, optimiser)
+        before = sum(s.steps for s in self.preset.stages[:index])
+        last_save = time.perf_counter()
+        for i in range(done, stage.steps):
+            batch = stage.draw(context, self.data, np.random.default_rng((self.seed, index, i)))
+            trained, state, metrics = step(trained, frozen, state, batch)
+            advance(1)
+            if (i + 1) % LOG_EVERY == 0 or i + 1 == stage.steps:
+                entry = self._metrics(stage, i + 1, metrics)
+                elapsed = round(seconds + time.perf_counter() - started, 2)
+                log.append(self.folder, {"step": before + i + 1, "stage": stage.name, **entry, "seconds": elapsed})
+                advance(0, f"{stage.name}: loss {entry['loss']:.4g}")
+                if time.perf_counter() - last_save > SAVE_EVERY:
+                    self._save(index, i + 1, elapsed, {**frozen, **trained}, state)
+                    last_save = time.perf_counter()
+        return stage.leave(self.parts, {**frozen, **trained}, self.data)
+
+    def _metrics(self, stage: Stage, done: int, metrics: dict[str, Any]) -> dict[str, Any]:
+        """Plain numbers; refuses a loss that is not finite and keypoints that do not move."""
+        numbers = {key: np.asarray(value) for key, value in metrics.items()}
+        where = f"in stage {stage.name!r} at step {done} of {stage.steps}"
+        if not np.isfinite(numbers["loss"]):
+            raise TrainingError(
+                f"The loss is not finite {where}; lower the learning rate ({stage.learning_rate:g}) or try another "
+                f"--seed. {self.folder / STATE} holds the last good state."
+            )
+        if "keypoint_spread" in numbers and done >= min(stage.steps, 500):
+            spread = numbers["keypoint_spread"].reshape(-1, 2).max(axis=1)
+            if (spread < COLLAPSED).any():
+                raise TrainingError(
+                    f"Keypoint {int(spread.argmin())} has collapsed to a constant {where} (it varies by "
+                    f"{spread.min():.4f} image units); check that every declared keypoint moves in the recordings, or "
+                    "try another --seed."
+                )
+        return {key: value.round(6).tolist() for key, value in numbers.items()}
+
+    def _score(self, variables: Variables, refine: bool = False) -> float:
+        """Mean fraction of valid frames on held-out sequences; nan before there is a dynamics model."""
+        if "trajectories" not in variables and not np.any(np.asarray(variables["dynamics"]["level"])):
+            return float("nan")
+        model = self._model.with_parameters(model_parameters(variables))
+        errors = prediction_errors(model, self.test.frames, self.test.actions, refine=refine)
+        return float(np.mean(valid_frames(errors, self._epsilon)) / self.test.length)
+
+
+def make_step(parts: Parts, stage: Stage, optimiser: optax.GradientTransformation) -> Callable[..., Any]:
+    """The pure step (trained, frozen, optimiser state, batch) -> (trained, optimiser state, metrics), compiled."""
+
+    def loss(trained: Variables, frozen: Variables, batch: Batch) -> tuple[jax.Array, dict[str, jax.Array]]:
+        return stage.loss(parts, {**frozen, **trained}, batch)
+
+    @jax.jit
+    def step(trained: Variables, frozen: Variables, state: Any, batch: Batch) -> tuple[Any, Any, dict[str, Any]]:
+        (value, metrics), gradient = jax.value_and_grad(loss, has_aux=True)(trained, frozen, batch)
+        updates, state = optimiser.update(gradient, state, trained)
+        return optax.apply_updates(trained, updates), state, {"loss": value, **metrics}
+
+    return step

@@ -1,0 +1,76 @@
+"""What every stage of training is."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import optax
+from jax import Array
+
+from keycld_model.modules import Parameters, Parts
+from keycld_model.training.data import TrainingData
+
+Variables = dict[str, Any]
+"""Model parameters ("estimator", "renderer", "dynamics") and what only training needs ("trajectories", "rod_scale")."""
+Batch = dict[str, Any]
+Context = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage(ABC):
+    """A number of optimiser steps on one loss over some of the variables.
+
+    Everything random comes from the generator handed in, and `prepare` reads only what the stage does not train, so
+    that an interrupted stage continues exactly where it stopped.
+
+    Attributes:
+        name: for the log.
+        steps: optimiser steps.
+        learning_rate: peak of a one-cycle schedule, or constant if `one_cycle` is off.
+        batch: sequences or frames per step.
+        one_cycle: warm up and anneal to zero.
+        clip: bound on the norm of the gradient; None leaves it alone.
+        trained: the variables this stage changes.
+    """
+
+    name: str
+    steps: int
+    learning_rate: float
+    batch: int
+    one_cycle: bool = True
+    clip: float | None = 5.0
+    trained: tuple[str, ...] = ()
+
+    def optimiser(self) -> optax.GradientTransformation:
+        """Adam with this stage's schedule and clipping."""
+        rate = self.learning_rate
+        if self.one_cycle:
+            rate = optax.cosine_onecycle_schedule(self.steps, self.learning_rate, pct_start=0.15)
+        adam = optax.adam(rate)
+        return adam if self.clip is None else optax.chain(optax.clip_by_global_norm(self.clip), adam)
+
+    def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
+        """Variables to start from, given what earlier stages left."""
+        return variables
+
+    def prepare(self, parts: Parts, variables: Variables, data: TrainingData) -> Context:
+        """Arrays that stay fixed during the stage, from variables that it does not train."""
+        return {}
+
+    @abstractmethod
+    def draw(self, context: Context, data: TrainingData, rng: np.random.Generator) -> Batch:
+        """The next batch."""
+
+    @abstractmethod
+    def loss(self, parts: Parts, variables: Variables, batch: Batch) -> tuple[Array, dict[str, Array]]:
+        """Scalar loss and what to log. Pure."""
+
+    def leave(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
+        """Variables for later stages."""
+        return variables
+
+
+def model_parameters(variables: Variables) -> Parameters:
+    """The part of the variables that a world model consists of."""
+    return {name: variables[name] for name in ("estimator", "renderer", "dynamics")}
