@@ -99,8 +99,9 @@ def read_checkpoint(folder: str | os.PathLike[str]) -> tuple[Tree, dict[str, Any
     except (SafetensorError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path} is damaged ({error}); train again or restore a copy.") from error
     if meta.get("schema") != SCHEMA:
+        writer = meta.get("versions", {}).get("keycld", "(unknown)")
         raise InputError(
-            f"{path} has schema {meta.get('schema')!r}, this version reads {SCHEMA!r}; "
-            f"use the keycld version that wrote it ({meta.get('versions', {}).get('keycld', 'unknown')}) or train again."
+            f"{path} has schema {meta.get('schema')!r}, this version reads {SCHEMA!r}; use keycld {writer}, which "
+            "wrote it, or train again."
         )
     return unflatten(tensors), meta
