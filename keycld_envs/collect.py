@@ -2,14 +2,9 @@
 
 import functools
 import json
-import multiprocessing
 import os
-import signal
-import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -29,6 +24,7 @@ from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording, write_recording
 from keycld_envs.registration import resolve_env_id
 from keycld_envs.rendering import Quality
+from keycld_envs.workers import map_in_processes
 
 PAPER_ACTION_RANGE = 3.0
 SETTINGS_FILE = "collect.json"
@@ -262,15 +258,7 @@ def _record_all(out: Path, settings: CollectSettings, indices: list[int], worker
                 write_recording(out / episode_id(index), record_episode(env, settings, index))
                 yield
         return
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker)
-    try:
-        for future in as_completed([pool.submit(_work, out, settings, index) for index in indices]):
-            future.result()
-            yield
-    except BrokenProcessPool as error:
-        raise InputError("A worker process died, perhaps for want of memory; run again with fewer workers.") from error
-    finally:
-        pool.shutdown(cancel_futures=True)
+    yield from map_in_processes(functools.partial(_work, out, settings), indices, workers)
 
 
 _worker_env = functools.cache(make_env)
@@ -278,16 +266,3 @@ _worker_env = functools.cache(make_env)
 
 def _work(out: Path, settings: CollectSettings, index: int) -> None:
     write_recording(out / episode_id(index), record_episode(_worker_env(settings), settings, index))
-
-
-def _start_worker() -> None:
-    """Leave Ctrl-C to the parent, and end when the parent is killed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def follow_parent() -> None:
-        parent = multiprocessing.parent_process()
-        assert parent is not None
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=follow_parent, daemon=True).start()
