@@ -31,8 +31,8 @@ class NetworkConfig:
     folding: int = 2
     saliency: float = 20.0
     constants: int | None = 8
-    gaussian_widths: tuple[float, ...] = (0.04, 0.12)
-    segment_widths: tuple[float, ...] = (0.02, 0.06, 0.15)
+    gaussian_widths: tuple[float, ...] = (0.04, 0.1)
+    segment_widths: tuple[float, ...] = (0.02, 0.05, 0.15)
     background: bool = True
     hidden: int = 32
     force_scale: float = 10.0

@@ -2,19 +2,23 @@
 
 import importlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from typing import Any
 
 import numpy as np
 
+from keycld_control.benchmarks.figure import Figure
+from keycld_control.benchmarks.weights import SYSTEMS
 from keycld_envs import InputError, KeyCLDEnv
+from keycld_envs.progress import progress
 
-SYSTEMS = ("pendulum", "cartpole", "acrobot")
 SIZE = 64
+REPEATS, STEPS = 9, 40
+REQUIRED = {"fast": 5.0, "full": 1.0}
 
 
-def frames_per_second(repeats: int = 9, steps: int = 40) -> dict[str, dict[str, float]]:
+def frames_per_second(repeats: int = REPEATS, steps: int = STEPS) -> dict[str, dict[str, float]]:
     """Step the three systems with a 64 x 64 image each step: dm_control, and KeyCLD in both render qualities.
 
     The three take turns, so that other load on the machine meets all alike.
@@ -33,7 +37,27 @@ def frames_per_second(repeats: int = 9, steps: int = 40) -> dict[str, dict[str, 
     return {system: _measure(system, repeats, steps) for system in SYSTEMS}
 
 
-def _measure(system: str, repeats: int, steps: int) -> dict[str, float]:
+def speed_figures(systems: Sequence[str] = SYSTEMS, repeats: int = REPEATS, steps: int = STEPS) -> Iterator[Figure]:
+    """The same as rows of the report; without figures where dm_control is not installed."""
+    for system in systems:
+        try:
+            with progress(f"Frames/s of {system}", total=repeats) as advance:
+                measured = _measure(system, repeats, steps, advance)
+        except InputError as error:
+            measured = {"reason": str(error)}
+        for quality, required in REQUIRED.items():
+            ratio = measured.get(f"ratio_{quality}")
+            yield Figure(
+                measure=f"frames/s against dm_control, {quality}",
+                system=system,
+                reached=ratio if isinstance(ratio, float) else None,
+                required=required,
+                count=repeats,
+                details=measured,
+            )
+
+
+def _measure(system: str, repeats: int, steps: int, advance: Callable[[], object] = lambda: None) -> dict[str, float]:
     with (
         closing(_dm_control(system)) as theirs,
         closing(KeyCLDEnv(system, render_quality="fast")) as fast,
@@ -44,7 +68,10 @@ def _measure(system: str, repeats: int, steps: int) -> dict[str, float]:
         theirs.reset()
         for warm_up in turns:
             warm_up()
-        seconds = np.array([[_time(step, steps) for step in turns] for _ in range(repeats)])
+        seconds = np.empty((repeats, len(turns)))
+        for turn in seconds:
+            turn[:] = [_time(step, steps) for step in turns]
+            advance()
     dm_control, fast_fps, full_fps = np.median(steps / seconds, axis=0)
     ratio_fast, ratio_full = np.median(seconds[:, :1] / seconds[:, 1:], axis=0)
     return {

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from rich import box
@@ -24,6 +25,15 @@ def print_result(result: Mapping[str, Any], *, as_json: bool) -> None:
     for name, value in result.items():
         table.add_row(name.replace("_", " "), _text(value))
     Console().print(table)
+
+
+def write_result(result: Mapping[str, Any], path: Path) -> None:
+    """Write a result as a JSON file, which appears complete or not at all."""
+    from keycld_envs.files import atomic_file  # not above: this module must load where MuJoCo does not
+
+    with atomic_file(path, "w") as file:
+        json.dump(_plain(result), file, ensure_ascii=False, allow_nan=False, indent=1)
+        file.write("\n")
 
 
 def _plain(value: Any) -> Any:

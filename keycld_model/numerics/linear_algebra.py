@@ -21,6 +21,8 @@ def solve_positive_definite(a: Array, b: Array, regularisation: float = 0.0) -> 
         z: `[n]`.
     """
     n = a.shape[0]
+    if n == 0:
+        return b
     shift = regularisation * jnp.trace(a) / n if regularisation else 0.0
     lower: list[list[Array]] = [[] for _ in range(n)]
     for i in range(n):
@@ -37,7 +39,7 @@ def solve_positive_definite(a: Array, b: Array, regularisation: float = 0.0) -> 
     for i in reversed(range(n)):
         inner = sum((lower[k][i] * z[k] for k in range(i + 1, n)), start=jnp.zeros_like(b[0]))
         z[i] = (y[i] - inner) / lower[i][i]
-    return jnp.stack(z) if n else jnp.zeros_like(b)
+    return jnp.stack(z)
 
 
 def null_space(a: Array) -> Array:

@@ -42,7 +42,7 @@ def acceleration(
     if mechanism.num_constraints == 0:
         return free
     jacobian = constraint_jacobian(mechanism, x, pivot)
-    schur = (jacobian * inverse_mass) @ jacobian.T
+    schur = (jacobian * inverse_mass[None]) @ jacobian.T
     multipliers = solve_positive_definite(
         schur, jacobian @ free + constraint_curvature(mechanism, v), MULTIPLIER_REGULARISATION
     )

@@ -31,7 +31,7 @@ def project_position(
     for _ in range(iterations):
         jacobian = constraint_jacobian(mechanism, x, pivot)
         error = constraint(mechanism, x, pivot) - level
-        multipliers = solve_positive_definite((jacobian * inverse_mass) @ jacobian.T, error, MULTIPLIER_REGULARISATION)
+        multipliers = solve_positive_definite((jacobian * inverse_mass[None]) @ jacobian.T, error, MULTIPLIER_REGULARISATION)
         x = x - inverse_mass * (multipliers @ jacobian)
     return x
 
@@ -43,6 +43,6 @@ def project_velocity(mechanism: Mechanism, masses: Array, x: Array, v: Array, pi
     inverse_mass = 1.0 / jnp.repeat(masses, 2)
     jacobian = constraint_jacobian(mechanism, x, pivot)
     multipliers = solve_positive_definite(
-        (jacobian * inverse_mass) @ jacobian.T, jacobian @ v, MULTIPLIER_REGULARISATION
+        (jacobian * inverse_mass[None]) @ jacobian.T, jacobian @ v, MULTIPLIER_REGULARISATION
     )
     return v - inverse_mass * (multipliers @ jacobian)

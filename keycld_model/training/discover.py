@@ -25,7 +25,7 @@ class Discover(Stage):
 
     name: str = "discover"
     trained: tuple[str, ...] = ("estimator", "renderer")
-    constraint_weight: float = 5.0
+    constraint_weight: float = 50.0
 
     def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
         """Start both networks from the mean frame."""

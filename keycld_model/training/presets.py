@@ -34,14 +34,14 @@ PRESETS: dict[str, Preset] = {
     "default": Preset(
         NetworkConfig(),
         (
-            Discover(steps=800, batch=8, learning_rate=4e-3),
+            Discover(steps=700, batch=8, learning_rate=4e-3),
             FitWindows(steps=1000, batch=64, learning_rate=1e-2, window=6),
             FitTrajectories(steps=200, batch=64, learning_rate=3e-3, portion=0.25, restart=True),
             FitTrajectories(steps=200, batch=64, learning_rate=3e-3, portion=0.5),
             FitTrajectories(steps=400, batch=64, learning_rate=3e-3),
             Distil(steps=1000, batch=8, learning_rate=4e-3),
             FitTrajectories(steps=300, batch=64, learning_rate=1e-3),
-            Distil(steps=3500, batch=8, learning_rate=4e-3),
+            Distil(steps=5000, batch=8, learning_rate=4e-3),
             FitTrajectories(steps=300, batch=64, learning_rate=5e-4, slide=False),
         ),
     ),
