@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from keycld_control.closed_loop import Episode, LoopSettings, make_loop, run_episode
+from keycld_control.closed_loop import Episode, Loop, LoopSettings, make_loop, run_episode
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
 from keycld_envs.mechanism import Mechanism
@@ -22,7 +22,7 @@ FRAME_RATE = {".mp4": 50.0, ".gif": 20.0}
 REST = 2.0
 """Seconds at the target after which a clip ends."""
 _DETAIL = 2  # drawn at this multiple of the size, then reduced, for smooth lines
-_KEYPOINT, _TARGET, _CURVE, _INK, _GROUND = "#ffd23f", "#ffffff", "#ff8c42", "#c8cdd3", "#15191e"
+KEYPOINT, _TARGET, CURVE, _INK, _GROUND = "#ffd23f", "#ffffff", "#ff8c42", "#c8cdd3", "#15191e"
 
 
 @dataclass(frozen=True)
@@ -67,19 +67,22 @@ def film(settings: LoopSettings, path: Path) -> Episode:
         timestep = loop.env.system.timestep
         rate = min(FRAME_RATE[path.suffix.lower()], 1 / timestep)
         every = max(1, round(1 / (rate * timestep)))
-        moments: list[Moment] = []
-        steps = iter(range(loop.steps))
-
-        def watch(image: NDArray[np.uint8], time: float) -> None:
-            if next(steps) % every == 0:
-                moments.append(Moment(time, image, loop.agent.keypoints, loop.agent.energy))
-
-        episode = run_episode(loop, settings.seed, watch)
-        moments = [moment for moment in moments if moment.time <= episode.upright_s + REST]
-        mechanism = loop.env.system.mechanism
-        pictures = draw_clip(moments, mechanism, loop.agent.target, loop.agent.pivot, loop.agent.target_energy)
+        episode, moments = record(loop, settings.seed, REST)
+        mechanism, agent = loop.env.system.mechanism, loop.agent
+        pictures = draw_clip(moments[::every], mechanism, agent.target, agent.pivot, agent.target_energy)
         write_clip(path, pictures, 1 / (every * timestep))
     return episode
+
+
+def record(loop: Loop, seed: int, rest: float) -> tuple[Episode, list[Moment]]:
+    """Run an episode and keep every step of it until it has rested at the target for `rest` seconds."""
+    moments: list[Moment] = []
+
+    def watch(image: NDArray[np.uint8], time: float) -> None:
+        moments.append(Moment(time, image, loop.agent.keypoints, loop.agent.energy))
+
+    episode = run_episode(loop, seed, watch)
+    return episode, [moment for moment in moments if moment.time <= episode.upright_s + rest]
 
 
 def draw_clip(
@@ -88,6 +91,9 @@ def draw_clip(
     target: NDArray[np.float32],
     pivot: NDArray[np.float32],
     target_energy: float,
+    panel: int = PANEL,
+    strip: int = STRIP,
+    label: str = "learned energy T + V;  dashed: at the target;",
 ) -> Iterator[NDArray[np.uint8]]:
     """Draw every moment: the image with keypoints and rods, the target as rings, the energy so far below.
 
@@ -97,9 +103,12 @@ def draw_clip(
         target: `[K, 2]` target keypoints, image units.
         pivot: `[2]`, image units.
         target_energy: learned energy at rest at the target.
+        panel: width and height of the image, pixels.
+        strip: height of the energy strip below, pixels.
+        label: text in the strip, before the time.
 
     Yields:
-        `[PANEL + STRIP, PANEL, 3]` uint8.
+        `[panel + strip, panel, 3]` uint8.
     """
     energies = np.array([moment.energy for moment in moments])
     low, high = min(energies.min(), target_energy), max(energies.max(), target_energy)
@@ -107,12 +116,13 @@ def draw_clip(
     last = max(moments[-1].time, 1e-9)
     curve = [((moment.time / last), height) for moment, height in zip(moments, heights[:-1], strict=True)]
     for i, moment in enumerate(moments):
-        canvas = Image.new("RGB", (_DETAIL * PANEL, _DETAIL * (PANEL + STRIP)), _GROUND)
-        canvas.paste(Image.fromarray(moment.image).resize((_DETAIL * PANEL, _DETAIL * PANEL), Image.Resampling.NEAREST))
+        canvas = Image.new("RGB", (_DETAIL * panel, _DETAIL * (panel + strip)), _GROUND)
+        canvas.paste(Image.fromarray(moment.image).resize((_DETAIL * panel, _DETAIL * panel), Image.Resampling.NEAREST))
         draw = ImageDraw.Draw(canvas)
-        _draw_mechanism(draw, mechanism, moment, target, pivot)
-        _draw_energy(draw, curve[: i + 1], float(heights[-1]), moment.time)
-        yield np.asarray(canvas.resize((PANEL, PANEL + STRIP), Image.Resampling.BOX))
+        _draw_mechanism(draw, mechanism, moment, target, pivot, panel)
+        text = f"{label}  {moment.time:4.1f} s"
+        _draw_energy(draw, curve[: i + 1], float(heights[-1]), text, panel, strip)
+        yield np.asarray(canvas.resize((panel, panel + strip), Image.Resampling.BOX))
 
 
 def write_clip(path: Path, pictures: Iterator[NDArray[np.uint8]], frame_rate: float) -> None:
@@ -142,11 +152,11 @@ def write_clip(path: Path, pictures: Iterator[NDArray[np.uint8]], frame_rate: fl
         writer.close()
 
 
-def _to_canvas(points: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _to_canvas(points: NDArray[np.float32], shape: tuple[int, ...], panel: int) -> NDArray[np.float64]:
     """Image units `[..., 2]` to canvas pixels; -1 and 1 are the centres of the outermost pixels."""
     size = np.array([shape[1], shape[0]])
     pixels = (points * [1, -1] + 1) / 2 * (size - 1)
-    return (pixels + 0.5) / size * (_DETAIL * PANEL)
+    return (pixels + 0.5) / size * (_DETAIL * panel)
 
 
 def _draw_mechanism(
@@ -155,30 +165,32 @@ def _draw_mechanism(
     moment: Moment,
     target: NDArray[np.float32],
     pivot: NDArray[np.float32],
+    panel: int,
 ) -> None:
     radius = 5 * _DETAIL
-    points, rings, origin = (_to_canvas(p, moment.image.shape) for p in (moment.keypoints, target, pivot))
+    points, rings, origin = (_to_canvas(p, moment.image.shape, panel) for p in (moment.keypoints, target, pivot))
     for x, y in rings:
         r = 1.6 * radius
         draw.ellipse((x - r, y - r, x + r, y + r), outline=_TARGET, width=_DETAIL)
     for rod in mechanism.rods:
         start = origin if rod.start is None else points[rod.start]
-        draw.line((*start, *points[rod.end]), fill=_KEYPOINT, width=_DETAIL)
+        draw.line((*start, *points[rod.end]), fill=KEYPOINT, width=_DETAIL)
     for x, y in points:
-        draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=_KEYPOINT, outline=_GROUND, width=_DETAIL)
+        draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=KEYPOINT, outline=_GROUND, width=_DETAIL)
 
 
-def _draw_energy(draw: ImageDraw.ImageDraw, curve: list[tuple[float, float]], target: float, time: float) -> None:
+def _draw_energy(
+    draw: ImageDraw.ImageDraw, curve: list[tuple[float, float]], target: float, text: str, panel: int, strip: int
+) -> None:
     """The curve, in shares of the strip's width and height, and the target's level as a dashed line."""
-    margin, top = 10 * _DETAIL, (PANEL + 24) * _DETAIL
-    width, height = PANEL * _DETAIL - 2 * margin, (STRIP - 34) * _DETAIL
+    margin, top = 10 * _DETAIL, (panel + 24) * _DETAIL
+    width, height = panel * _DETAIL - 2 * margin, (strip - 34) * _DETAIL
     level = top + target * height
     for x in range(margin, margin + width, 12 * _DETAIL):
         draw.line((x, level, x + 6 * _DETAIL, level), fill=_INK, width=_DETAIL)
     line = [(margin + x * width, top + y * height) for x, y in curve]
     if len(line) > 1:
-        draw.line(line, fill=_CURVE, width=2 * _DETAIL, joint="curve")
+        draw.line(line, fill=CURVE, width=2 * _DETAIL, joint="curve")
     x, y = line[-1]
-    draw.ellipse((x - 3 * _DETAIL, y - 3 * _DETAIL, x + 3 * _DETAIL, y + 3 * _DETAIL), fill=_CURVE)
-    label = f"learned energy T + V;  dashed: at the target;  {time:4.1f} s"
-    draw.text((margin, (PANEL + 4) * _DETAIL), label, fill=_INK, font_size=11 * _DETAIL)
+    draw.ellipse((x - 3 * _DETAIL, y - 3 * _DETAIL, x + 3 * _DETAIL, y + 3 * _DETAIL), fill=CURVE)
+    draw.text((margin, (panel + 4) * _DETAIL), text, fill=_INK, font_size=11 * _DETAIL)

@@ -48,7 +48,7 @@ def speed_figures(systems: Sequence[str] = SYSTEMS, repeats: int = REPEATS, step
         for quality, required in REQUIRED.items():
             ratio = measured.get(f"ratio_{quality}")
             yield Figure(
-                measure=f"frames/s against dm_control, {quality}",
+                measure=f"frames/s ÷ dm_control's, {quality}",
                 system=system,
                 reached=ratio if isinstance(ratio, float) else None,
                 required=required,
