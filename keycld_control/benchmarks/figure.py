@@ -34,4 +34,5 @@ class Figure:
         """Whether the figure is good enough; None where nothing is required or nothing was measured."""
         if self.reached is None or self.required is None:
             return None
-        return self.reached <= self.required if self.at_most else self.reached >= self.required
+        reached = round(self.reached, 9)  # a mean of fractions may fall one bit short of .98
+        return reached <= self.required if self.at_most else reached >= self.required
