@@ -1,20 +1,24 @@
 """`keycld bench`: what it reports and refuses; the measuring itself is tested where it lives."""
 
 import json
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, get_args
 
 import pytest
 
 from keycld_control.benchmarks import models, swingup
+from keycld_control.benchmarks.envs import speed_figures
 from keycld_control.benchmarks.figure import Figure
 from keycld_control.benchmarks.weights import SYSTEMS, Weights
 from keycld_control.cli import bench, main
 from keycld_control.closed_loop import LoopSettings
 from keycld_control.swingup import SwingUpResult
 from keycld_envs import InputError
-from keycld_envs.recordings import Dataset
+from keycld_envs.collect import CollectSettings, collect
+from keycld_envs.recordings import Dataset, read_dataset
 from keycld_model.evaluation import Evaluation
 from keycld_model.world_model import shipped_models
 
@@ -173,6 +177,37 @@ def test_the_rows_of_a_model() -> None:
     assert (seconds.reached, seconds.met) == (340.0, True)
     untold = list(models.figures_of("cartpole", {5: SCORES, 2: SCORES}, held_out, {}))[-1]
     assert (untold.reached, untold.met) == (None, None)
+
+
+@pytest.mark.render
+def test_data_of_the_weights_are_collected_again(tmp_path: Path) -> None:
+    collect(tmp_path / "pendulum", CollectSettings("KeyCLD/Pendulum-v0", seed=3), episodes=4)
+    original = read_dataset(tmp_path / "pendulum")
+    made_from = {"sha256": original.sha256, "recordings": 4}
+    model: Any = SimpleNamespace(system="KeyCLD/Pendulum-v0", meta={"seed": 3, "validation": 0.25, "data": made_from})
+    again = models._held_out(model, "pendulum", None, workers=1)
+    assert again.exact and again.collecting_s > 0 and again.details == {"data_seed": 3}
+    assert [r.id for r in again.recordings.recordings] == ["episode-00003"]
+    assert again.recordings.sha256 == original.split(0.25)[1].sha256
+    model.meta["data"]["seed"] = 4
+    assert not models._held_out(model, "pendulum", None, workers=1).exact
+
+
+@pytest.mark.render
+def test_data_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(models, "SAMPLE", 2)
+    collect(tmp_path / "pendulum", CollectSettings("KeyCLD/Pendulum-v0", steps=3, seed=3), episodes=10)
+    model: Any = SimpleNamespace(system="KeyCLD/Pendulum-v0", meta={})
+    found = models._held_out(model, "pendulum", tmp_path, workers=1)
+    assert not found.exact and found.details == {"data": str(tmp_path / "pendulum")}
+    assert len(found.recordings) == 1
+
+
+def test_speed_without_dm_control(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "dm_control.suite.wrappers", None)
+    figures = list(speed_figures(("pendulum",), repeats=1, steps=1))
+    assert [(f.reached, f.met, f.required) for f in figures] == [(None, None, 5.0), (None, None, 1.0)]
+    assert "Python 3.11 or 3.12" in figures[0].details["reason"]
 
 
 def test_every_series_of_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
