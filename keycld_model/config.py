@@ -107,7 +107,7 @@ class ModelConfig:
                 system=data["system"],
                 networks=replace(NetworkConfig(), **networks),
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (LookupError, TypeError, ValueError) as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"The model configuration has a missing or unknown field: {error}.") from error

@@ -7,6 +7,7 @@ dispatch, and dictionaries go to the optimiser and into safetensors as they are.
 from functools import cached_property
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from flax import nnx
 from jax import Array
@@ -54,11 +55,16 @@ class Parts:
 
     @cached_property
     def _graphs(self) -> dict[str, nnx.GraphDef[Any]]:
-        return {name: nnx.graphdef(module) for name, module in self._build(0).items()}
+        modules = nnx.eval_shape(lambda: self._build(0))  # drawing initial weights takes seconds
+        return {name: nnx.graphdef(module) for name, module in modules.items()}
 
     def initial(self, seed: int) -> Parameters:
         """Fresh parameters."""
         return {name: nnx.to_pure_dict(nnx.state(module)) for name, module in self._build(seed).items()}
+
+    def shapes(self) -> Parameters:
+        """Parameters with arrays replaced by their shapes and types."""
+        return jax.eval_shape(lambda: self.initial(0))
 
     def _module(self, name: str, parameters: Parameters) -> Any:
         return nnx.merge(self._graphs[name], nnx.State(parameters[name]))

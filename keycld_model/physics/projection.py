@@ -31,7 +31,9 @@ def project_position(
     for _ in range(iterations):
         jacobian = constraint_jacobian(mechanism, x, pivot)
         error = constraint(mechanism, x, pivot) - level
-        multipliers = solve_positive_definite((jacobian * inverse_mass[None]) @ jacobian.T, error, MULTIPLIER_REGULARISATION)
+        multipliers = solve_positive_definite(
+            (jacobian * inverse_mass[None]) @ jacobian.T, error, MULTIPLIER_REGULARISATION
+        )
         x = x - inverse_mass * (multipliers @ jacobian)
     return x
 
