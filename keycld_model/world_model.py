@@ -83,10 +83,13 @@ class WorldModel:
         tensors, meta = read_checkpoint(folder)
         if "config" not in meta or "model" not in tensors:
             raise InputError(f"{folder} is not a world model; name the checkpoint folder that `keycld train` wrote.")
-        config = ModelConfig.from_dict(meta["config"])
+        try:
+            config = ModelConfig.from_dict(meta["config"])
+        except InputError as error:
+            raise InputError(f"{folder}: {error}") from error
         parameters = jax.tree.map(jnp.asarray, tensors["model"])
-        expected = jax.tree.map(jnp.shape, Parts(config).initial(0))
-        if jax.tree.map(jnp.shape, parameters) != expected:
+        expected = Parts(config).shapes()
+        if jax.tree.map(_kind, parameters) != jax.tree.map(_kind, expected):
             raise InputError(f"{folder} does not hold the arrays that its own configuration asks for; train again.")
         return cls(config, parameters, os.fspath(source), meta)
 
@@ -246,10 +249,11 @@ class WorldModel:
 
         def one(parameters: Parameters, frames: Array, u: Array, refine: bool) -> tuple[Array, Array]:
             dynamics, first = self.parts.dynamics(parameters), u[: frames.shape[0] - 1]
-            state = estimate_state(dynamics, self.parts.keypoints(parameters, frames), first, h)
+            keypoints = self.parts.keypoints(parameters, frames)
+            state = estimate_state(dynamics, keypoints, first, h)
             if refine:
                 draw = partial(self.parts.render, parameters)
-                state = refine_state(dynamics, draw, as_float(frames), first, h, state)
+                state = refine_state(dynamics, draw, as_float(frames), keypoints, first, h, state)
             return dynamics.rollout(*state, u, h)
 
         return {refine: jax.jit(partial(one, refine=refine)) for refine in (False, True)}
@@ -309,6 +313,10 @@ class WorldModel:
         if bad.size:
             raise InputError(f"actions[{bad[0]}] is not finite; every action must be a number.")
         return array[:steps]
+
+
+def _kind(array: Array | jax.ShapeDtypeStruct) -> str:
+    return f"{array.dtype}{array.shape}"
 
 
 def shipped_models() -> dict[str, Path]:

@@ -96,7 +96,12 @@ def train(
         "stages": [{"kind": type(s).__name__, **asdict(s)} for s in preset.stages],
         "seed": seed,
         "validation": validation,
-        "data": {"sha256": dataset.sha256, "folder": dataset.folder.name, "recordings": len(dataset)},
+        "data": {
+            "sha256": dataset.sha256,
+            "folder": dataset.folder.name,
+            "recordings": len(dataset),
+            "seed": dataset.recordings[0].seed,
+        },
     }
     run = _Run(Path(out), Parts(config), preset, data, test, seed, jax.tree.map(_plain, meta))
     return run.finish()
