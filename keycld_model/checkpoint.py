@@ -27,7 +27,7 @@ def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, NDArray[Any]
         if isinstance(value, Mapping):
             flat |= flatten(value, f"{prefix}{key}/")
         else:
-            flat[f"{prefix}{key}"] = np.ascontiguousarray(value)
+            flat[f"{prefix}{key}"] = np.asarray(value, order="C")
     return flat
 
 
@@ -94,7 +94,7 @@ def read_checkpoint(folder: str | os.PathLike[str]) -> tuple[Tree, dict[str, Any
     try:
         length = int.from_bytes(payload[:8], "little")
         header = json.loads(payload[8 : 8 + length])
-        meta = json.loads(header["__metadata__"]["checkpoint"])
+        meta = {**json.loads(header["__metadata__"]["checkpoint"])}
         tensors = load(payload)
     except (SafetensorError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path} is damaged ({error}); train again or restore a copy.") from error

@@ -89,7 +89,7 @@ class WorldModel:
             raise InputError(f"{folder}: {error}") from error
         parameters = jax.tree.map(jnp.asarray, tensors["model"])
         expected = Parts(config).shapes()
-        if jax.tree.map(_kind, parameters) != jax.tree.map(_kind, expected):
+        if jax.tree.map(jnp.shape, parameters) != jax.tree.map(jnp.shape, expected):
             raise InputError(f"{folder} does not hold the arrays that its own configuration asks for; train again.")
         return cls(config, parameters, os.fspath(source), meta)
 
@@ -235,8 +235,17 @@ class WorldModel:
 
         Returns:
             Keypoints and velocities [N, T, K, 2], image units (per second).
+
+        Raises:
+            InputError: if the arrays do not fit together or the model, or hold NaN.
         """
         frames, u = self._images(images), np.asarray(actions, np.float32)
+        if frames.ndim != 5 or u.ndim != 3 or len(frames) != len(u) or not 2 <= frames.shape[1] <= u.shape[1] + 1:
+            raise InputError(
+                f"images has shape {frames.shape} and actions {u.shape}; a rollout needs [N, C, H, W, 3] and "
+                "[N, T-1, m] with 2 <= C <= T."
+            )
+        u = np.stack([self._actions(a, len(a)) for a in u])
         function = self._rollouts[refine]
         states = [function(self.parameters, z, a) for z, a in zip(frames, u, strict=True)]
         shape = (len(frames), u.shape[1] + 1, self.mechanism.num_keypoints, 2)
@@ -262,9 +271,8 @@ class WorldModel:
     def _keypoints(self) -> Callable[[Parameters, NDArray[Any]], Floats]:
         function = jax.jit(self.parts.keypoints)
 
-        def in_chunks(parameters: Parameters, images: NDArray[Any], chunk: int = 64) -> Floats:
-            parts = [function(parameters, images[i : i + chunk]) for i in range(0, len(images), chunk)]
-            return np.concatenate([np.asarray(p) for p in parts])
+        def in_chunks(parameters: Parameters, images: NDArray[Any]) -> Floats:
+            return _in_chunks(partial(function, parameters), images)
 
         return in_chunks
 
@@ -280,18 +288,15 @@ class WorldModel:
         }
         return {name: jax.jit(function) for name, function in functions.items()}
 
-    def _map(self, name: str, x: ArrayLike, chunk: int = 64) -> Floats:
-        """Apply a function of positions `[B, n]` to keypoints [..., K, 2], a fixed number at a time."""
+    def _map(self, name: str, x: ArrayLike) -> Floats:
+        """Apply a function of positions `[B, n]` to keypoints [..., K, 2]."""
         array = np.asarray(x, np.float32)
         k = self.mechanism.num_keypoints
         if array.shape[-2:] != (k, 2):
             raise InputError(f"x has shape {array.shape}; this model needs keypoints of shape [..., {k}, 2].")
         flat = array.reshape(-1, 2 * k)
-        parts = [
-            np.asarray(self._batched[name](self.parameters, flat[i : i + chunk])) for i in range(0, len(flat), chunk)
-        ]
-        result = np.concatenate(parts)
-        return result.reshape(*array.shape[:-2], *result.shape[1:])
+        result = _in_chunks(partial(self._batched[name], self.parameters), flat)
+        return result.reshape(array.shape[:-2] + result.shape[1:])
 
     def _images(self, images: ArrayLike) -> NDArray[Any]:
         array = np.asarray(images)
@@ -315,8 +320,11 @@ class WorldModel:
         return array[:steps]
 
 
-def _kind(array: Array | jax.ShapeDtypeStruct) -> str:
-    return f"{array.dtype}{array.shape}"
+def _in_chunks(function: Callable[[NDArray[Any]], Array], array: NDArray[Any], chunk: int = 64) -> Floats:
+    """Apply a function of a batch to a bounded number of rows at a time; none are allowed."""
+    if len(array) == 0:
+        return np.asarray(function(np.zeros((1, *array.shape[1:]), array.dtype)))[:0]
+    return np.concatenate([np.asarray(function(array[i : i + chunk])) for i in range(0, len(array), chunk)])
 
 
 def shipped_models() -> dict[str, Path]:

@@ -66,6 +66,8 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
     meta = model.meta or {}
     if model.system != dataset.system and None not in (model.system, dataset.system):
         raise InputError(f"{model.name} is a model of {model.system}, {dataset.folder} records {dataset.system}.")
+    if frames < 2:
+        raise InputError(f"frames is {frames}; a sequence needs at least 2.")
     own = meta.get("data", {}).get("sha256") == dataset.sha256
     if own:
         dataset = dataset.split(meta["validation"])[1]
