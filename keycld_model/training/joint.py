@@ -40,7 +40,9 @@ class Joint(Stage):
         flat = frames.reshape(b * t, *frames.shape[2:])
         x = parts.keypoints(variables, flat)
         reconstruction = jnp.sum((parts.render(variables, x) - flat) ** 2) / (b * t)
-        dynamics, h = parts.dynamics(variables), parts.config.timestep
+        learned = variables["dynamics"]
+        fixed = {**learned, "pivot": jax.lax.stop_gradient(learned["pivot"])}  # declared, not learned
+        dynamics, h = parts.dynamics({"dynamics": fixed}), parts.config.timestep
         x = x.reshape(b, t, -1)
         v = (x[:, 2:] - x[:, :-2]) / (2 * h)
         measured = (v[:, 2:] - v[:, :-2]) / (2 * h)

@@ -1,6 +1,7 @@
 """The log of a training run: one JSON object per line."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ NAME = "log.jsonl"
 
 
 def append(folder: Path, entry: dict[str, Any]) -> None:
-    """Add one line."""
+    """Add one line; NaN, which JSON does not know, becomes null."""
+    entry = {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in entry.items()}
     with open(folder / NAME, "a", encoding="utf-8") as file:
         file.write(json.dumps(entry) + "\n")
 

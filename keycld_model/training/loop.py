@@ -1,5 +1,6 @@
 """Runs the stages, logs, saves, resumes."""
 
+import json
 import os
 import time
 from collections.abc import Callable
@@ -29,7 +30,9 @@ LOG_EVERY = 100
 SAVE_EVERY = 30.0
 """Seconds between checkpoints of a running stage."""
 COLLAPSED = 0.01
-"""Image units; keypoints that vary less over a batch carry no motion."""
+"""Image units; keypoints that vary less over the recordings carry no motion."""
+CHECK_EVERY = 500
+"""Steps between looks at how much the keypoints vary."""
 STATE = "state"
 
 
@@ -86,6 +89,12 @@ def train(
         if preset not in PRESETS:
             raise InputError(f"There is no preset {preset!r}; there are {', '.join(PRESETS)}.")
         preset = PRESETS[preset]
+    if seed < 0:
+        raise InputError(f"seed is {seed}; it must not be negative.")
+    if not 0 < validation < 1:
+        raise InputError(f"validation is {validation:g}; it must lie between 0 and 1.")
+    if Path(out).exists() and not Path(out).is_dir():
+        raise InputError(f"{out} is a file; name a folder.")
     held_in, held_out = dataset.split(validation)
     data = TrainingData.from_dataset(held_in, preset.length)
     test = TrainingData.from_dataset(held_out, preset.length)
@@ -93,6 +102,7 @@ def train(
     meta = {
         "config": config.to_dict(),
         "preset": name,
+        "length": preset.length,
         "stages": [{"kind": type(s).__name__, **asdict(s)} for s in preset.stages],
         "seed": seed,
         "validation": validation,
@@ -103,12 +113,8 @@ def train(
             "seed": dataset.recordings[0].seed,
         },
     }
-    run = _Run(Path(out), Parts(config), preset, data, test, seed, jax.tree.map(_plain, meta))
+    run = _Run(Path(out), Parts(config), preset, data, test, seed, json.loads(json.dumps(meta)))
     return run.finish()
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
 
 
 def _check(data: TrainingData, config: ModelConfig, dataset: Dataset) -> None:
@@ -217,34 +223,42 @@ class _Run:
             batch = stage.draw(context, self.data, np.random.default_rng((self.seed, index, i)))
             trained, state, metrics = step(trained, frozen, state, batch)
             advance(1)
-            if (i + 1) % LOG_EVERY == 0 or i + 1 == stage.steps:
-                entry = self._metrics(stage, i + 1, metrics)
+            last = i + 1 == stage.steps
+            if (i + 1) % LOG_EVERY == 0 or last:
+                entry = self._metrics(stage, i + 1, metrics, trained)
+                if "estimator" in trained and ((i + 1) % CHECK_EVERY == 0 or last):
+                    self._check_motion(stage, i + 1, {**frozen, **trained})
                 elapsed = round(seconds + time.perf_counter() - started, 2)
                 log.append(self.folder, {"step": before + i + 1, "stage": stage.name, **entry, "seconds": elapsed})
                 advance(0, f"{stage.name}: loss {entry['loss']:.4g}")
-                if time.perf_counter() - last_save > SAVE_EVERY:
+                if time.perf_counter() - last_save > SAVE_EVERY and not last:  # the end of a stage is saved anyway
                     self._save(index, i + 1, elapsed, {**frozen, **trained}, state)
                     last_save = time.perf_counter()
         return stage.leave(self.parts, {**frozen, **trained}, self.data)
 
-    def _metrics(self, stage: Stage, done: int, metrics: dict[str, Any]) -> dict[str, Any]:
-        """Plain numbers; refuses a loss that is not finite and keypoints that do not move."""
+    def _metrics(self, stage: Stage, done: int, metrics: dict[str, Any], trained: Variables) -> dict[str, Any]:
+        """Plain numbers; refuses losses and variables that are not finite (one step apart, as a rule)."""
         numbers = {key: np.asarray(value) for key, value in metrics.items()}
-        where = f"in stage {stage.name!r} at step {done} of {stage.steps}"
-        if not np.isfinite(numbers["loss"]):
+        leaves = [numbers["loss"], *jax.tree.leaves(trained)]
+        if not all(np.isfinite(leaf).all() for leaf in leaves):
             raise TrainingError(
-                f"The loss is not finite {where}; lower the learning rate ({stage.learning_rate:g}) or try another "
-                f"--seed. {self.folder / STATE} holds the last good state."
+                f"The loss or what is learned is not finite in stage {stage.name!r} at step {done} of {stage.steps}; "
+                f"lower the learning rate ({stage.learning_rate:g}) or try another --seed. {self.folder / STATE} holds "
+                "the last good state."
             )
-        if "keypoint_spread" in numbers and done >= min(stage.steps, 500):
-            spread = numbers["keypoint_spread"].reshape(-1, 2).max(axis=1)
-            if (spread < COLLAPSED).any():
-                raise TrainingError(
-                    f"Keypoint {int(spread.argmin())} has collapsed to a constant {where} (it varies by "
-                    f"{spread.min():.4f} image units); check that every declared keypoint moves in the recordings, or "
-                    "try another --seed."
-                )
         return {key: value.round(6).tolist() for key, value in numbers.items()}
+
+    def _check_motion(self, stage: Stage, done: int, variables: Variables) -> None:
+        """Refuse keypoints that stay where they are, all over the recordings; in one sequence they may."""
+        frames = self.data.flat_frames
+        sample = frames[np.linspace(0, len(frames) - 1, 64).astype(int)]
+        spread = self._model.with_parameters(model_parameters(variables)).keypoints(sample).std(axis=0).max(axis=-1)
+        if (spread < COLLAPSED).any():
+            raise TrainingError(
+                f"Keypoint {int(spread.argmin())} has collapsed to a constant in stage {stage.name!r} at step {done} "
+                f"of {stage.steps} (it varies by {spread.min():.4f} image units); check that every declared keypoint "
+                "moves in the recordings, or try another --seed."
+            )
 
     def _score(self, variables: Variables, refine: bool = False) -> float:
         """Mean fraction of valid frames on held-out sequences; nan before there is a dynamics model."""

@@ -1,0 +1,324 @@
+"""Training: exact resume, refusals, detection of what goes wrong, and the paper's loss."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from swinging import CONFIG, MECHANISM, NETWORKS, SIZE, TIMESTEP, dataset, random_parameters, recordings
+
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import read_dataset, write_recording
+from keycld_model import WorldModel
+from keycld_model.checkpoint import flatten, read_checkpoint
+from keycld_model.config import PAPER_NETWORKS
+from keycld_model.modules import Parts
+from keycld_model.training import PRESETS, Preset, TrainingData, TrainingError, loop, train
+from keycld_model.training.discover import Discover
+from keycld_model.training.distil import Distil
+from keycld_model.training.fit import FitTrajectories, FitWindows
+from keycld_model.training.joint import Joint
+from keycld_model.training.keypoint_tables import end_rods, keypoint_table, local_polynomials, slide_along_rods
+
+TINY = Preset(
+    NETWORKS,
+    (
+        Discover(steps=6, batch=4, learning_rate=1e-3),
+        FitWindows(steps=4, batch=4, learning_rate=1e-3, window=4),
+        FitTrajectories(steps=4, batch=4, learning_rate=1e-3, restart=True),
+        Distil(steps=4, batch=4, learning_rate=1e-3),
+    ),
+)
+SHORT = replace(TINY, stages=TINY.stages[:1])
+
+
+class Killed(Exception):
+    pass
+
+
+@pytest.fixture(autouse=True)
+def log_and_save_every_step(monkeypatch):
+    monkeypatch.setattr(loop, "LOG_EVERY", 1)
+    monkeypatch.setattr(loop, "SAVE_EVERY", 0.0)
+    monkeypatch.setattr(loop, "COLLAPSED", 0.0)  # a few steps find nothing
+
+
+def kill_at(monkeypatch, stage, step):
+    """Raise in the middle of a stage, before the batch of `step` is drawn."""
+    kind = type(TINY.stages[stage])
+    draw, calls = kind.draw, []
+
+    def dying(self, context, data, rng):
+        calls.append(1)
+        if len(calls) > step:
+            raise Killed
+        return draw(self, context, data, rng)
+
+    monkeypatch.setattr(kind, "draw", dying)
+
+
+def log_of(folder):
+    entries = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+    return [{key: value for key, value in entry.items() if key != "seconds"} for entry in entries]
+
+
+def assert_same(first, second):
+    first, second = flatten(first), flatten(second)
+    assert first.keys() == second.keys()
+    for key in first:
+        np.testing.assert_array_equal(first[key], second[key], err_msg=key)
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop, "LOG_EVERY", 1)
+        patch.setattr(loop, "COLLAPSED", 0.0)
+        return train(dataset(), CONFIG, tmp_path_factory.mktemp("run") / "whole", TINY, seed=3)
+
+
+CHILD = """
+import os, signal, sys
+sys.path.insert(0, {here!r})
+from pathlib import Path
+from keycld_model.training import loop
+from swinging import CONFIG, dataset
+from test_training import TINY
+loop.LOG_EVERY, loop.SAVE_EVERY, loop.COLLAPSED = 1, 0.0, 0.0
+draw = type(TINY.stages[0]).draw
+def dying(self, context, data, rng):
+    if Path({out!r}, "state", "weights.safetensors").exists() and len(Path({out!r}, "log.jsonl").read_text()) > 600:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return draw(self, context, data, rng)
+type(TINY.stages[0]).draw = dying
+loop.train(dataset(), CONFIG, {out!r}, TINY, seed=3)
+"""
+
+
+def test_a_run_that_is_killed_again_and_again_ends_with_the_same_weights(uninterrupted, tmp_path):
+    out = tmp_path / "killed"
+    code = CHILD.format(here=str(Path(__file__).parent), out=str(out))
+    environment = os.environ | {"JAX_PLATFORMS": "cpu"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert 0 < read_checkpoint(out / "state")[1]["done"] < TINY.stages[0].steps
+    with open(out / "log.jsonl", "a") as file:
+        file.write('{"step": 4, "stage": "disc')  # a line that was being written
+    for stage in (1, 2, 3):
+        with pytest.MonkeyPatch.context() as patch:
+            kill_at(patch, stage, 2)
+            with pytest.raises(Killed):
+                train(dataset(), CONFIG, out, TINY, seed=3)
+        assert read_checkpoint(out / "state")[1]["stage"] == stage
+    result = train(dataset(), CONFIG, out, TINY, seed=3)
+    assert_same(result.model.parameters, uninterrupted.model.parameters)
+    assert result.validation_vpt == uninterrupted.validation_vpt
+    assert log_of(out) == log_of(uninterrupted.folder)
+    assert_same(
+        read_checkpoint(out / "state")[0]["variables"], read_checkpoint(uninterrupted.folder / "state")[0]["variables"]
+    )
+
+
+def test_a_finished_run(uninterrupted):
+    folder = uninterrupted.folder
+    assert uninterrupted.steps == TINY.steps == 18
+    loaded = WorldModel.load(folder)
+    assert_same(loaded.parameters, uninterrupted.model.parameters)
+    meta = loaded.meta or {}
+    assert meta["seed"] == 3 and meta["steps"] == 18 and meta["preset"] == "custom"
+    assert meta["data"]["sha256"] == dataset().sha256
+    training = dataset().split(0.1)[0].sequences().frames / 255.0
+    assert meta["epsilon"] == pytest.approx(np.mean((training - training.mean((0, 1))) ** 2), rel=1e-5)
+    log = log_of(folder)
+    assert [entry["step"] for entry in log if "loss" in entry] == list(range(1, 19))
+    scores = [entry for entry in log if "validation_vpt" in entry]
+    assert [(s["step"], s["stage"]) for s in scores] == [(6, "discover"), (10, "fit"), (14, "fit"), (18, "distil")]
+    for line in (folder / "log.jsonl").read_text().splitlines():
+        json.loads(line, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+    before = (folder / "weights.safetensors").read_bytes()
+    again = train(dataset(), CONFIG, folder, TINY, seed=3)  # nothing is left to do
+    assert_same(again.model.parameters, uninterrupted.model.parameters)
+    assert len(before) > 1000 and len(log_of(folder)) == len(log)
+
+
+def test_the_seed_decides(tmp_path):
+    first, second, other = (train(dataset(), CONFIG, tmp_path / str(i), SHORT, seed=s) for i, s in enumerate((0, 0, 1)))
+    assert_same(first.model.parameters, second.model.parameters)
+    name = "renderer/hourglass/out/kernel"
+    assert not np.array_equal(flatten(first.model.parameters)[name], flatten(other.model.parameters)[name])
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"seed": 4}, "seed"),
+        ({"preset": replace(TINY, stages=(Discover(steps=7, batch=4, learning_rate=1e-3),))}, "stages"),
+        ({"preset": replace(TINY, length=9)}, "length"),
+        ({"dataset": dataset(count=9)}, "data"),
+        ({"config": replace(CONFIG, networks=replace(NETWORKS, hidden=9))}, "config"),
+        ({"validation": 0.3}, "validation"),
+    ],
+)
+def test_a_run_is_not_continued_with_other_settings(uninterrupted, change, word):
+    settings = {"dataset": dataset(), "config": CONFIG, "preset": TINY, "seed": 3, "out": uninterrupted.folder}
+    with pytest.raises(InputError, match=rf"another {word}.*--out"):
+        train(**(settings | change))
+
+
+def test_settings_that_cannot_be_used(tmp_path):
+    def refused(words, **change):
+        settings = {"dataset": dataset(), "config": CONFIG, "preset": SHORT, "out": tmp_path / "out"}
+        with pytest.raises(InputError, match=words):
+            train(**(settings | change))
+        assert not (tmp_path / "out").exists()
+
+    refused("default, paper", preset="papr")
+    refused("seed", seed=-1)
+    refused("validation", validation=1.5)
+    refused("validation", validation=float("nan"))
+    refused("16x16 pixels", config=replace(CONFIG, image_shape=(32, 32)))
+    refused("actions", config=replace(CONFIG, mechanism=replace(MECHANISM, num_actions=2)))
+    refused("0.02 s", config=replace(CONFIG, timestep=0.01))
+    refused("7 frames", dataset=dataset(length=7))
+    refused("one recording", dataset=dataset(count=1))
+    (tmp_path / "file").write_text("")
+    refused("file", out=tmp_path / "file")
+
+
+def test_a_loss_that_is_not_finite_leaves_the_saved_state_intact(tmp_path, monkeypatch):
+    wild = replace(SHORT, stages=(Discover(steps=12, batch=4, learning_rate=1e6, one_cycle=False, clip=None),))
+    explode = loop.make_step
+
+    def make_step(parts, stage, optimiser):
+        step, count = explode(parts, stage, optimiser), []
+
+        def stepping(trained, frozen, state, batch):
+            count.append(1)
+            trained, state, metrics = step(trained, frozen, state, batch)
+            if len(count) == 3:  # a finite loss whose gradient is not
+                trained = jax.tree.map(lambda a: a * jnp.nan, trained)
+            return trained, state, metrics
+
+        return stepping
+
+    monkeypatch.setattr(loop, "make_step", make_step)
+    with pytest.raises(TrainingError, match=r"finite.*step 3 of 12.*learning rate \(1e\+06\)"):
+        train(dataset(), CONFIG, tmp_path, wild)
+    tensors, meta = read_checkpoint(tmp_path / "state")
+    assert meta["done"] == 2
+    assert all(np.isfinite(leaf).all() for leaf in flatten(tensors["variables"]).values())
+    assert all(np.isfinite(entry["loss"]) for entry in log_of(tmp_path))
+
+
+def test_collapsed_keypoints_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(loop, "COLLAPSED", 0.01)
+    still = [replace(r, frames=np.full((12, SIZE, SIZE, 3), 99, np.uint8)) for r in recordings()]
+    with pytest.raises(TrainingError, match=r"Keypoint 0 has collapsed.*discover"):
+        train(replace(dataset(), recordings=tuple(still)), CONFIG, tmp_path, SHORT)
+
+
+def test_one_quiet_sequence_is_no_collapse(tmp_path, monkeypatch):
+    """The paper's stage sees one sequence per step, in which the mechanism may well hang at rest."""
+    monkeypatch.setattr(loop, "COLLAPSED", 0.01)
+    calm = [replace(r, frames=np.repeat(r.load_frames()[:1], 12, axis=0)) for r in recordings()]
+    networks = replace(NETWORKS, saliency=1000.0)
+    stages = (Discover(steps=1, batch=4, learning_rate=1e-6), Joint(steps=2, batch=1, learning_rate=1e-6))
+    config = replace(CONFIG, networks=networks)
+    train(replace(dataset(), recordings=tuple(calm)), config, tmp_path, Preset(networks, stages))
+
+
+def test_the_papers_loss_is_equations_10_to_13():
+    config = replace(CONFIG, networks=replace(PAPER_NETWORKS, width=8, groups=4, hidden=8))
+    parts, data = Parts(config), TrainingData.from_dataset(dataset(count=3))
+    parameters = random_parameters(config)
+    stage = PRESETS["paper"].stages[0]
+    assert isinstance(stage, Joint)
+    assert (stage.steps, stage.batch, stage.learning_rate, stage.dynamics_weight) == (45_000, 1, 3e-4, 5e-4)
+    batch = stage.draw({}, data, np.random.default_rng(0))
+    assert batch["frames"].shape == (1, 12, SIZE, SIZE, 3)
+    loss, _ = jax.jit(lambda p: stage.loss(parts, p, batch))(parameters)
+
+    z, u = batch["frames"][0] / 255.0, batch["actions"][0]
+    x = np.asarray(parts.keypoints(parameters, batch["frames"][0]), np.float64)
+    drawn = np.asarray(parts.render(parameters, jnp.asarray(x, jnp.float32)))
+    total = np.sum((drawn - z) ** 2) / 12
+    dynamics = parts.dynamics(parameters)
+    acceleration = jax.jit(dynamics.acceleration)
+    for n in range(2, 10):
+        measured = (x[n + 2] - 2 * x[n] + x[n - 2]) / (4 * TIMESTEP**2)
+        velocity = (x[n + 1] - x[n - 1]) / (2 * TIMESTEP)
+        model = acceleration(jnp.asarray(x[n], jnp.float32), jnp.asarray(velocity, jnp.float32), u[n])
+        total += 5e-4 * np.sum((measured - model) ** 2) / 12
+    assert float(loss) == pytest.approx(float(total), rel=1e-3)
+
+    # The fixed pivot is declared, not learned.
+    gradient = jax.grad(lambda p: stage.loss(parts, p, batch)[0])(parameters)
+    np.testing.assert_array_equal(gradient["dynamics"]["pivot"], 0)
+    assert np.abs(gradient["dynamics"]["potential"]["out"]["kernel"]).max() > 0
+
+
+def test_the_papers_preset_trains(tmp_path):
+    paper = PRESETS["paper"]
+    assert paper.networks == PAPER_NETWORKS
+    small = replace(PAPER_NETWORKS, width=8, groups=4, hidden=8)
+    preset = replace(paper, networks=small, stages=(replace(paper.stages[0], steps=2),))
+    result = train(dataset(), replace(CONFIG, networks=small), tmp_path, preset)
+    assert [entry["stage"] for entry in log_of(tmp_path)] == ["joint"] * 3
+    keypoints = result.model.keypoints(dataset().split()[0].sequences().frames)
+    np.testing.assert_allclose(result.model.level, np.mean(np.sum(keypoints[..., 0, :] ** 2, -1) / 2), rtol=1e-4)
+
+
+def test_sequences_are_cut_to_length():
+    data = TrainingData.from_dataset(dataset(count=2, length=25), 12)
+    sequences = dataset(count=2, length=25).sequences()
+    assert data.frames.shape == (4, 12, SIZE, SIZE, 3)
+    assert data.actions.shape == (4, 11, 1)
+    np.testing.assert_array_equal(data.frames[3], sequences.frames[1, 12:24])
+    np.testing.assert_allclose(data.actions[3], sequences.actions[1, 12:23])
+    np.testing.assert_allclose(data.mean_frame, data.frames.mean((0, 1)) / 255, atol=1e-6)
+
+
+def test_the_keypoint_table_follows_the_estimator():
+    parts, data = Parts(CONFIG), TrainingData.from_dataset(dataset(count=3))
+    first, second = random_parameters(CONFIG, 0), random_parameters(CONFIG, 1)
+    for parameters in (first, second, first):
+        table = keypoint_table(parts, parameters, data)
+        direct = parts.keypoints(parameters, data.flat_frames).reshape(3, 12, 2)
+        np.testing.assert_allclose(table, direct, atol=1e-5)
+
+
+def test_local_polynomials_are_exact_for_cubics():
+    t = TIMESTEP * np.arange(12)
+    cubic = 1 + 2 * t - 30 * t**2 + 100 * t**3
+    x, v = local_polynomials(cubic[None, :, None], TIMESTEP)
+    np.testing.assert_allclose(x[0, :, 0], cubic, atol=1e-9)
+    np.testing.assert_allclose(v[0, :, 0], 2 - 60 * t + 300 * t**2, atol=1e-6)
+
+
+def test_keypoints_slide_along_end_rods_only():
+    from keycld_envs import get_system
+
+    acrobot = get_system("acrobot").mechanism
+    assert end_rods(acrobot) == [(0, 1)]
+    assert end_rods(MECHANISM) == []
+    x = jnp.array([[0.1, 0.2, 0.5, 0.5]])
+    scale = jnp.array([5.0, np.log(2.0)])
+    moved = slide_along_rods(acrobot, scale, x)
+    np.testing.assert_allclose(moved, [[0.1, 0.2, 0.9, 0.8]], rtol=1e-5)
+    np.testing.assert_allclose(slide_along_rods(acrobot, -scale, moved), x, rtol=1e-5)
+
+
+def test_recordings_on_the_disk(tmp_path):
+    for recording in recordings(4):
+        write_recording(tmp_path / "data" / recording.id, recording)
+    result = train(read_dataset(tmp_path / "data"), CONFIG, tmp_path / "out", SHORT)
+    assert (tmp_path / "out" / "checkpoint.json").is_file()
+    assert result.folder == tmp_path / "out"
