@@ -8,6 +8,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SYSTEMS := pendulum cartpole acrobot
 SEED := 0
+DATA_SEED := 1
 DEBIAN := Debian, Ubuntu: apt-get install python3-venv libegl1 libgl1-mesa-dri
 
 .PHONY: demo test lint types layers docs weights bench libraries opengl clean
@@ -36,7 +37,7 @@ docs: .venv/.keycld-docs
 
 weights: libraries .venv/.keycld opengl
 	for system in $(SYSTEMS); do \
-	  $(BIN)/keycld collect $$system --out data/$$system --workers 2 --seed $(SEED) && \
+	  $(BIN)/keycld collect $$system --out data/$$system --workers 2 --seed $(DATA_SEED) && \
 	  $(BIN)/keycld train $$system --data data/$$system --out runs/$$system --seed $(SEED) || exit 1; \
 	done
 

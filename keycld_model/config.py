@@ -16,7 +16,7 @@ class NetworkConfig:
         width: channels at the finest level of both hourglasses.
         groups: groups of their normalisations.
         folding: 2 folds 2x2 pixels into channels (a quarter of the arithmetic), 1 works at full resolution.
-        saliency: initial attention of the heatmaps to what differs from the mean frame; 0 has none.
+        saliency: height of a bump in the heatmaps where a frame differs from the mean frame; 0 has none.
         constants: channels of the renderer's constant tensor; None makes it and the Gaussian maps `width` together.
         gaussian_widths: standard deviations of the Gaussian maps, image units.
         segment_widths: standard deviations of distance maps of the rods, image units; empty has none.
@@ -29,7 +29,7 @@ class NetworkConfig:
     width: int = 16
     groups: int = 4
     folding: int = 2
-    saliency: float = 20.0
+    saliency: float = 9.0
     constants: int | None = 8
     gaussian_widths: tuple[float, ...] = (0.04, 0.1)
     segment_widths: tuple[float, ...] = (0.02, 0.05, 0.15)

@@ -24,8 +24,8 @@ class KeypointEstimator(nnx.Module):
         width: channels of the hourglass.
         groups: groups of its normalisation.
         folding: 1 works at full resolution as in the paper; 2 folds 2x2 pixels into channels first.
-        saliency: weight of the squared difference from the mean frame in the heatmaps; 0 feeds raw images, as in the
-            paper.
+        saliency: height of a smooth bump in the heatmaps where the frame differs most from the mean frame; 0 feeds raw
+            images, as in the paper.
         rngs: initialisation.
     """
 
@@ -49,8 +49,9 @@ class KeypointEstimator(nnx.Module):
         if self.background is None:
             return self.hourglass(fold(images, self.folding))
         difference = fold(CONTRAST * (images - jax.lax.stop_gradient(self.background[...])), self.folding)
-        salient = jnp.minimum(self.saliency * jnp.mean(difference**2, axis=-1, keepdims=True), 12.0)
-        return self.hourglass(difference) + salient
+        salient = blur(jnp.mean(difference**2, axis=-1, keepdims=True))
+        salient = salient / (jnp.max(salient, axis=(1, 2), keepdims=True) + 1e-6)
+        return self.hourglass(difference) + self.saliency * jax.lax.stop_gradient(salient)
 
     def __call__(self, images: Array) -> Array:
         """Keypoints `[B, K, 2]` in image units from images `[B, H, W, 3]` in 0 to 1 (paper, equation 8)."""
@@ -59,3 +60,11 @@ class KeypointEstimator(nnx.Module):
         probability = jax.nn.softmax(logits.reshape(b, h * w, k), axis=1)
         cells = grid(h * self.folding, w * self.folding, self.folding).reshape(h * w, 2)
         return jnp.einsum("bpk,pd->bkd", probability, cells)
+
+
+def blur(x: Array, size: int = 5) -> Array:
+    """Two box averages over `size` cells each way, `[B, H, W, C]`; a sharp bump would make keypoints jump from cell to
+    cell."""
+    for _ in range(2):
+        x = jax.lax.reduce_window(x, 0.0, jax.lax.add, (1, size, size, 1), (1, 1, 1, 1), "SAME") / size**2
+    return x

@@ -45,8 +45,9 @@ class Stage(ABC):
     def optimiser(self) -> optax.GradientTransformation:
         """Adam with this stage's schedule and clipping."""
         rate = self.learning_rate
-        if self.one_cycle:
-            rate = optax.cosine_onecycle_schedule(self.steps, self.learning_rate, pct_start=0.15)
+        if self.one_cycle and self.steps > 1:
+            warm_up = max(0.15, 1.001 / self.steps)  # one step at least; of none, the schedule makes NaN
+            rate = optax.cosine_onecycle_schedule(self.steps, self.learning_rate, pct_start=warm_up)
         adam = optax.adam(rate)
         return adam if self.clip is None else optax.chain(optax.clip_by_global_norm(self.clip), adam)
 
