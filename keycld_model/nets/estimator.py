@@ -63,8 +63,10 @@ class KeypointEstimator(nnx.Module):
 
 
 def blur(x: Array, size: int = 5) -> Array:
-    """Two box averages over `size` cells each way, `[B, H, W, C]`; a sharp bump would make keypoints jump from cell to
-    cell."""
+    """Two box averages over `size` cells each way, `[B, H, W, C]`.
+
+    A sharp bump would make keypoints jump from cell to cell.
+    """
     for _ in range(2):
         x = jax.lax.reduce_window(x, 0.0, jax.lax.add, (1, size, size, 1), (1, 1, 1, 1), "SAME") / size**2
     return x
