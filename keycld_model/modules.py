@@ -60,11 +60,11 @@ class Parts:
 
     def initial(self, seed: int) -> Parameters:
         """Fresh parameters."""
-        return {name: nnx.to_pure_dict(nnx.state(module)) for name, module in self._build(seed).items()}
+        return _arrays(self._build(seed))
 
     def shapes(self) -> Parameters:
         """Parameters with arrays replaced by their shapes and types."""
-        return jax.eval_shape(lambda: self.initial(0))
+        return jax.eval_shape(lambda: _arrays(self._build(0)))
 
     def _module(self, name: str, parameters: Parameters) -> Any:
         return nnx.merge(self._graphs[name], nnx.State(parameters[name]))
@@ -82,6 +82,10 @@ class Parts:
         """Images `[B, H, W, 3]` of positions `[B, n]`."""
         pivot = parameters["dynamics"]["pivot"]
         return self._module("renderer", parameters)(x.reshape(x.shape[0], -1, 2), pivot)
+
+
+def _arrays(modules: dict[str, nnx.Module]) -> Parameters:
+    return {name: nnx.to_pure_dict(nnx.state(module)) for name, module in modules.items()}
 
 
 def as_float(images: Array) -> Array:
