@@ -38,7 +38,9 @@ docs: .venv/.keycld-docs
 weights: libraries .venv/.keycld opengl
 	for system in $(SYSTEMS); do \
 	  $(BIN)/keycld collect $$system --out data/$$system --workers 2 --seed $(DATA_SEED) && \
-	  $(BIN)/keycld train $$system --data data/$$system --out runs/$$system --seed $(SEED) || exit 1; \
+	  $(BIN)/keycld train $$system --data data/$$system --out runs/$$system --seed $(SEED) && \
+	  mkdir -p keycld_model/weights/$$system && \
+	  cp runs/$$system/checkpoint.json runs/$$system/weights.safetensors keycld_model/weights/$$system/ || exit 1; \
 	done
 
 bench: libraries .venv/.keycld opengl
