@@ -17,6 +17,14 @@ def x64() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def unoptimised() -> Iterator[None]:
+    """Compile fast what runs once. (Gradients of max-pooling need the optimiser: unfused, they may divide by zero.)"""
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Programs that several tests compile alike are compiled once; compiling is most of what these tests do."""

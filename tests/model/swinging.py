@@ -14,7 +14,7 @@ from keycld_model.modules import Parameters, Parts
 MECHANISM = Mechanism(num_keypoints=1, num_actions=1, rods=(Rod(None, 0),))
 TIMESTEP = 0.02
 SIZE = 16
-NETWORKS = NetworkConfig(width=8, groups=4, constants=4, hidden=8)
+NETWORKS = NetworkConfig(width=8, groups=4, constants=4, segment_widths=(0.1,), hidden=8)
 CONFIG = ModelConfig(MECHANISM, TIMESTEP, (SIZE, SIZE), networks=NETWORKS)
 
 

@@ -14,7 +14,7 @@ from keycld_model.dynamics import Dynamics
 from keycld_model.nets.hourglass import grid
 from keycld_model.state_estimation import KEYPOINT_WEIGHT, estimate_state, refine_state
 
-pytestmark = pytest.mark.usefixtures("x64")
+pytestmark = pytest.mark.usefixtures("unoptimised", "x64")
 
 NAMES = ("pendulum", "cartpole", "acrobot")
 LENGTH = 0.4

@@ -7,7 +7,7 @@ import pytest
 
 from keycld_model.numerics import null_space, rk4_step, solve_positive_definite
 
-pytestmark = pytest.mark.usefixtures("x64")
+pytestmark = pytest.mark.usefixtures("unoptimised", "x64")
 
 
 def positive_definite(n: int, seed: int) -> np.ndarray:

@@ -12,7 +12,7 @@ from keycld_envs.projection import world_to_image
 from keycld_model import physics
 from keycld_model.physics.lagrangian import MULTIPLIER_REGULARISATION
 
-pytestmark = pytest.mark.usefixtures("x64")
+pytestmark = pytest.mark.usefixtures("unoptimised", "x64")
 
 PENDULUM = get_system("pendulum").mechanism
 CARTPOLE = get_system("cartpole").mechanism

@@ -19,6 +19,7 @@ from keycld_envs.recordings import read_dataset, write_recording
 from keycld_model import WorldModel
 from keycld_model.checkpoint import flatten, read_checkpoint
 from keycld_model.config import PAPER_NETWORKS
+from keycld_model.evaluation import prediction_errors
 from keycld_model.modules import Parts
 from keycld_model.training import PRESETS, Preset, TrainingData, TrainingError, loop, train
 from keycld_model.training.discover import Discover
@@ -41,6 +42,23 @@ SHORT = replace(TINY, stages=TINY.stages[:1])
 
 class Killed(Exception):
     pass
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_start():
+    """Random weights, which take no time to draw, and scores from keypoints alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Parts, "initial", initial)
+        patch.setattr(loop, "prediction_errors", rough_errors)
+        yield
+
+
+def rough_errors(*arguments, refine=False):
+    return prediction_errors(*arguments, refine=False)
+
+
+def initial(parts, seed):
+    return random_parameters(parts.config, seed)
 
 
 @pytest.fixture(autouse=True)
@@ -77,7 +95,7 @@ def assert_same(first, second):
 
 
 @pytest.fixture(scope="module")
-def uninterrupted(tmp_path_factory):
+def uninterrupted(tmp_path_factory, quick_start):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop, "LOG_EVERY", 1)
         patch.setattr(loop, "COLLAPSED", 0.0)
@@ -90,7 +108,8 @@ sys.path.insert(0, {here!r})
 from pathlib import Path
 from keycld_model.training import loop
 from swinging import CONFIG, dataset
-from test_training import TINY
+from test_training import Parts, TINY, initial
+Parts.initial = initial
 loop.LOG_EVERY, loop.SAVE_EVERY, loop.COLLAPSED = 1, 0.0, 0.0
 draw = type(TINY.stages[0]).draw
 def dying(self, context, data, rng):
@@ -225,16 +244,6 @@ def test_collapsed_keypoints_are_refused(tmp_path, monkeypatch):
         train(replace(dataset(), recordings=tuple(still)), CONFIG, tmp_path, SHORT)
 
 
-def test_one_quiet_sequence_is_no_collapse(tmp_path, monkeypatch):
-    """The paper's stage sees one sequence per step, in which the mechanism may well hang at rest."""
-    monkeypatch.setattr(loop, "COLLAPSED", 0.01)
-    calm = [replace(r, frames=np.repeat(r.load_frames()[:1], 12, axis=0)) for r in recordings()]
-    networks = replace(NETWORKS, saliency=1000.0)
-    stages = (Discover(steps=1, batch=4, learning_rate=1e-6), Joint(steps=2, batch=1, learning_rate=1e-6))
-    config = replace(CONFIG, networks=networks)
-    train(replace(dataset(), recordings=tuple(calm)), config, tmp_path, Preset(networks, stages))
-
-
 def test_the_papers_loss_is_equations_10_to_13():
     config = replace(CONFIG, networks=replace(PAPER_NETWORKS, width=8, groups=4, hidden=8))
     parts, data = Parts(config), TrainingData.from_dataset(dataset(count=3))
@@ -244,7 +253,7 @@ def test_the_papers_loss_is_equations_10_to_13():
     assert (stage.steps, stage.batch, stage.learning_rate, stage.dynamics_weight) == (45_000, 1, 3e-4, 5e-4)
     batch = stage.draw({}, data, np.random.default_rng(0))
     assert batch["frames"].shape == (1, 12, SIZE, SIZE, 3)
-    loss, _ = jax.jit(lambda p: stage.loss(parts, p, batch))(parameters)
+    loss, gradient = jax.jit(jax.value_and_grad(lambda p: stage.loss(parts, p, batch)[0]))(parameters)
 
     z, u = batch["frames"][0] / 255.0, batch["actions"][0]
     x = np.asarray(parts.keypoints(parameters, batch["frames"][0]), np.float64)
@@ -260,19 +269,21 @@ def test_the_papers_loss_is_equations_10_to_13():
     assert float(loss) == pytest.approx(float(total), rel=1e-3)
 
     # The fixed pivot is declared, not learned.
-    gradient = jax.grad(lambda p: stage.loss(parts, p, batch)[0])(parameters)
     np.testing.assert_array_equal(gradient["dynamics"]["pivot"], 0)
     assert np.abs(gradient["dynamics"]["potential"]["out"]["kernel"]).max() > 0
 
 
-def test_the_papers_preset_trains(tmp_path):
+def test_the_papers_preset_trains_and_one_quiet_sequence_is_no_collapse(tmp_path, monkeypatch):
     paper = PRESETS["paper"]
     assert paper.networks == PAPER_NETWORKS
     small = replace(PAPER_NETWORKS, width=8, groups=4, hidden=8)
     preset = replace(paper, networks=small, stages=(replace(paper.stages[0], steps=2),))
-    result = train(dataset(), replace(CONFIG, networks=small), tmp_path, preset)
+    monkeypatch.setattr(loop, "COLLAPSED", 1e-4)  # the spread within a sequence, which is all that a step sees, is 0
+    calm = [replace(r, frames=np.repeat(r.load_frames()[:1], 12, axis=0)) for r in recordings()]
+    data = replace(dataset(), recordings=tuple(calm))
+    result = train(data, replace(CONFIG, networks=small), tmp_path, preset)
     assert [entry["stage"] for entry in log_of(tmp_path)] == ["joint"] * 3
-    keypoints = result.model.keypoints(dataset().split()[0].sequences().frames)
+    keypoints = result.model.keypoints(data.split()[0].sequences().frames)
     np.testing.assert_allclose(result.model.level, np.mean(np.sum(keypoints[..., 0, :] ** 2, -1) / 2), rtol=1e-4)
 
 
@@ -291,16 +302,16 @@ def test_the_keypoint_table_follows_the_estimator():
     first, second = random_parameters(CONFIG, 0), random_parameters(CONFIG, 1)
     for parameters in (first, second, first):
         table = keypoint_table(parts, parameters, data)
-        direct = parts.keypoints(parameters, data.flat_frames).reshape(3, 12, 2)
+        direct = parts.keypoints(parameters, jnp.asarray(data.flat_frames)).reshape(3, 12, 2)
         np.testing.assert_allclose(table, direct, atol=1e-5)
 
 
 def test_local_polynomials_are_exact_for_cubics():
     t = TIMESTEP * np.arange(12)
-    cubic = 1 + 2 * t - 30 * t**2 + 100 * t**3
+    cubic = (1 + 2 * t - 30 * t**2 + 100 * t**3).astype(np.float32)
     x, v = local_polynomials(cubic[None, :, None], TIMESTEP)
-    np.testing.assert_allclose(x[0, :, 0], cubic, atol=1e-9)
-    np.testing.assert_allclose(v[0, :, 0], 2 - 60 * t + 300 * t**2, atol=1e-6)
+    np.testing.assert_allclose(x[0, :, 0], cubic, atol=1e-5)
+    np.testing.assert_allclose(v[0, :, 0], 2 - 60 * t + 300 * t**2, atol=1e-3)
 
 
 def test_keypoints_slide_along_end_rods_only():
