@@ -175,7 +175,7 @@ def test_many_images_are_the_same_as_one_at_a_time(model):
 
 def test_predictions(model):
     recording = recordings(1)[0]
-    images, actions = recording.load_frames()[:3], recording.action
+    images, actions = recording.load_frames()[:3], np.asarray(recording.action)
     prediction = model.predict(images, actions, 12)
     assert prediction.frames.shape == (12, SIZE, SIZE, 3)
     assert prediction.keypoints.shape == prediction.velocities.shape == (12, 1, 2)
