@@ -32,6 +32,18 @@ class Sequences:
     qpos: NDArray[np.float64] | None
     timestep: float
 
+    def cut(self, length: int) -> "Sequences":
+        """Consecutive parts of at most `length` frames, all equally long; what is left at the end is dropped."""
+        t = self.frames.shape[1]
+        length = min(length, t)
+        starts = range(0, t - length + 1, length)
+        return Sequences(
+            np.concatenate([self.frames[:, s : s + length] for s in starts]),
+            np.concatenate([self.actions[:, s : s + length - 1] for s in starts]),
+            None if self.qpos is None else np.concatenate([self.qpos[:, s : s + length] for s in starts]),
+            self.timestep,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Dataset:

@@ -8,7 +8,7 @@ from scipy.stats import bootstrap
 
 from keycld_envs import system_of
 from keycld_envs.errors import InputError
-from keycld_envs.recordings import Dataset, Sequences
+from keycld_envs.recordings import Dataset
 from keycld_model.evaluation.joint_coordinates import circular_r2, joint_angles, linear_r2, slider_positions
 from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, valid_frames
 from keycld_model.world_model import CONTEXT_FRAMES, WorldModel
@@ -71,7 +71,9 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
     own = meta.get("data", {}).get("sha256") == dataset.sha256
     if own:
         dataset = dataset.split(meta["validation"])[1]
-    stacked = _cut(dataset, dataset.sequences(), frames)
+    stacked = dataset.sequences().cut(frames)
+    if stacked.actions.shape[-1] == 0:
+        raise InputError(f"{dataset.folder} has no actions; predictions need to know them (zeros, if there were none).")
     n, t = stacked.frames.shape[:2]
     if not 2 <= context <= t:
         raise InputError(f"context is {context}; it must be between 2 and the {t} frames of a sequence.")
@@ -100,23 +102,8 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
         vpt_full=int((fractions == 1).sum()),
         vpt_frame_index=float(index.mean()),
         reconstruction_mse=float(np.mean(drawn)),
-        circular_r2=_agreement(model, keypoints, stacked.qpos, dataset),
+        circular_r2=_agreement(model, keypoints, stacked.qpos),
         constraint_residual=_constraint_residual(model, keypoints),
-    )
-
-
-def _cut(dataset: Dataset, stacked: Sequences, length: int) -> Sequences:
-    """Sequences of at most `length` frames."""
-    t = stacked.frames.shape[1]
-    length = min(length, t)
-    starts = range(0, t - length + 1, length)
-    if stacked.actions.shape[-1] == 0:
-        raise InputError(f"{dataset.folder} has no actions; predictions need to know them (zeros, if there were none).")
-    return Sequences(
-        np.concatenate([stacked.frames[:, s : s + length] for s in starts]),
-        np.concatenate([stacked.actions[:, s : s + length - 1] for s in starts]),
-        None if stacked.qpos is None else np.concatenate([stacked.qpos[:, s : s + length] for s in starts]),
-        stacked.timestep,
     )
 
 
@@ -129,7 +116,7 @@ def _interval(values: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _agreement(
-    model: WorldModel, keypoints: NDArray[np.float32], qpos: NDArray[np.float64] | None, dataset: Dataset
+    model: WorldModel, keypoints: NDArray[np.float32], qpos: NDArray[np.float64] | None
 ) -> dict[str, float] | None:
     """R squared per joint; hinges go with rods and slides with sliders, each in order."""
     if qpos is None or model.system is None or not np.isfinite(qpos).all():

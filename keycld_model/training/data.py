@@ -41,11 +41,8 @@ class TrainingData:
         t = stacked.frames.shape[1]
         if t < SHORTEST:
             raise InputError(f"{dataset.folder}: recordings have {t} frames; training needs at least {SHORTEST}.")
-        length = min(length, t)
-        starts = range(0, t - length + 1, length)
-        frames = np.concatenate([stacked.frames[:, s : s + length] for s in starts])
-        actions = np.concatenate([stacked.actions[:, s : s + length - 1] for s in starts]).astype(np.float32)
-        return cls(frames, actions, stacked.timestep)
+        cut = stacked.cut(length)
+        return cls(cut.frames, cut.actions.astype(np.float32), cut.timestep)
 
     @property
     def num_sequences(self) -> int:
