@@ -24,6 +24,8 @@ class NetworkConfig:
         hidden: width of the hidden layers of V(x) and g(x).
         force_scale: factor on the outputs of V and g.
         kernel_scale: standard deviation of their initial weights; None scales with the layer's width.
+        linear: V(x) and g(x) have a linear term beside the network. Gravity is linear in the positions of point
+            masses, torques on rods and forces on sliders are too; the network has only the rest to explain.
     """
 
     width: int = 16
@@ -37,6 +39,7 @@ class NetworkConfig:
     hidden: int = 32
     force_scale: float = 10.0
     kernel_scale: float | None = None
+    linear: bool = True
 
 
 PAPER_NETWORKS = NetworkConfig(
@@ -50,6 +53,7 @@ PAPER_NETWORKS = NetworkConfig(
     background=False,
     force_scale=1.0,
     kernel_scale=0.01,
+    linear=False,
 )
 """Appendix A.4 and table 2 of the KeyCLD paper."""
 

@@ -23,17 +23,24 @@ class Dynamics(nnx.Module):
         hidden: width of the hidden layers of V and g.
         force_scale: factor on the outputs of V and g.
         kernel_scale: standard deviation of their initial weights, or None.
+        linear: give them a linear term.
         rngs: initialisation.
     """
 
     def __init__(
-        self, mechanism: Mechanism, hidden: int, force_scale: float, kernel_scale: float | None, rngs: nnx.Rngs
+        self,
+        mechanism: Mechanism,
+        hidden: int,
+        force_scale: float,
+        kernel_scale: float | None,
+        linear: bool,
+        rngs: nnx.Rngs,
     ) -> None:
         n = 2 * mechanism.num_keypoints
         self.mechanism = mechanism
         self.log_masses = nnx.Param(jnp.zeros(mechanism.num_keypoints))
-        self.potential = MLP(n, hidden, 1, force_scale, kernel_scale, rngs)
-        self.input = MLP(n, hidden, n * mechanism.num_actions, force_scale, kernel_scale, rngs)
+        self.potential = MLP(n, hidden, 1, force_scale, kernel_scale, linear, rngs)
+        self.input = MLP(n, hidden, n * mechanism.num_actions, force_scale, kernel_scale, linear, rngs)
         self.level = nnx.Param(jnp.zeros(mechanism.num_constraints))
         self.pivot = nnx.Param(jnp.asarray(mechanism.pivot, jnp.float32))
 

@@ -50,7 +50,7 @@ class Parts:
                 net.background,
                 rngs,
             ),
-            "dynamics": Dynamics(mechanism, net.hidden, net.force_scale, net.kernel_scale, rngs),
+            "dynamics": Dynamics(mechanism, net.hidden, net.force_scale, net.kernel_scale, net.linear, rngs),
         }
 
     @cached_property

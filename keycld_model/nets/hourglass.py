@@ -52,9 +52,11 @@ class Hourglass(nnx.Module):
 
 
 def halve(x: Array) -> Array:
-    """Max-pool 2x2 as a reshape, whose gradient is about 6 times faster on a CPU than a window reduction's."""
+    """Max-pool 2x2 by pairwise maxima, whose gradient is many times faster on a CPU than a window reduction's."""
     b, h, w, c = x.shape
-    return x.reshape(b, h // 2, 2, w // 2, 2, c).max(axis=(2, 4))
+    x = x.reshape(b, h // 2, 2, w // 2, 2, c)
+    rows = jnp.maximum(x[:, :, 0], x[:, :, 1])
+    return jnp.maximum(rows[:, :, :, 0], rows[:, :, :, 1])
 
 
 def double(x: Array) -> Array:

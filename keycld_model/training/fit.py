@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from keycld_model.modules import Parts
 from keycld_model.state_estimation import estimate_state
 from keycld_model.training.data import TrainingData
+from keycld_model.training.identification import identify
 from keycld_model.training.keypoint_tables import keypoint_table, local_polynomials, slide_along_rods
 from keycld_model.training.stage import Batch, Context, Stage, Variables
 
@@ -22,6 +23,7 @@ class _Fit(Stage):
     Attributes:
         huber: deviation in image units from which the loss grows linearly.
         learn_pivot: also learn where the fixed pivot is.
+        linear: of V and g train only the linear terms, if they have any.
     """
 
     name: str = "fit"
@@ -29,6 +31,7 @@ class _Fit(Stage):
     clip: float | None = 10.0
     huber: float = 0.03
     learn_pivot: bool = False
+    linear: bool = False
 
     def _loss(
         self, parts: Parts, variables: Variables, x: Array, v: Array, actions: Array, keypoints: Array
@@ -37,6 +40,10 @@ class _Fit(Stage):
         dynamics = dict(variables["dynamics"])
         if not self.learn_pivot:
             dynamics["pivot"] = jax.lax.stop_gradient(dynamics["pivot"])
+        if self.linear and parts.config.networks.linear:
+            for name in ("potential", "input"):
+                net = dynamics[name]
+                dynamics[name] = {k: net[k] if k == "linear" else jax.lax.stop_gradient(net[k]) for k in net}
         model = parts.dynamics({"dynamics": dynamics})
 
         def one(x: Array, v: Array, u: Array) -> Array:
@@ -103,12 +110,15 @@ class FitTrajectories(_Fit):
         portion: fraction of each sequence to follow, from its first frame; grows from stage to stage.
         restart: estimate the initial states anew from the first frames.
         slide: let keypoints move along their rods.
+        identify: at most this many Gauss-Newton steps on masses, slide and linear terms, if there are any, before the
+            optimiser's.
     """
 
     trained: tuple[str, ...] = ("dynamics", "rod_scale", "trajectories")
     portion: float = 1.0
     restart: bool = False
     slide: bool = True
+    identify: int = 0
 
     def frames(self, data: TrainingData) -> int:
         """Frames to follow."""
@@ -116,9 +126,8 @@ class FitTrajectories(_Fit):
 
     def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
         """Initial states by least squares, from scratch or from where they are."""
-        keypoints = slide_along_rods(
-            parts.config.mechanism, variables["rod_scale"], jnp.asarray(keypoint_table(parts, variables, data))
-        )
+        measured = jnp.asarray(keypoint_table(parts, variables, data))
+        keypoints = slide_along_rods(parts.config.mechanism, variables["rod_scale"], measured)
         first = self.frames(data)
         if self.restart:
             level = mean_level(parts, variables, np.asarray(keypoints))
@@ -126,7 +135,12 @@ class FitTrajectories(_Fit):
             first = min(first, 12)
         start = None if self.restart else variables["trajectories"]
         fitted = fit_states(parts, variables, keypoints[:, :first], data.actions[:, : first - 1], start)
-        return {**variables, "trajectories": fitted}
+        variables = {**variables, "trajectories": fitted}
+        if not (self.identify and parts.config.networks.linear):
+            return variables
+        frames = self.frames(data)
+        actions = data.actions[:, : frames - 1]
+        return identify(parts, variables, measured[:, :frames], actions, self.identify, self.slide)
 
     def prepare(self, parts: Parts, variables: Variables, data: TrainingData) -> Context:
         """Keypoints of all frames."""

@@ -29,7 +29,6 @@ def test_they_swing_up(name, start):
     assert result.median_time_to_upright_s < 5
 
 
-@pytest.mark.xfail(reason="the present acrobot weights reach the top at ±3 but are not caught there")
 def test_they_pump_a_weak_acrobot():
     assert swing_up(settings("acrobot", start="hanging", action_limit=3.0), episodes=1).successes == 1
 

@@ -23,7 +23,7 @@ LENGTH = 0.4
 def make(name, seed=0):
     """Random V and g of about the strength of gravity, unequal masses, rods of 0.4 image units."""
     mechanism = get_system(name).mechanism
-    dynamics = Dynamics(mechanism, 16, 10.0, 0.5, nnx.Rngs(seed))
+    dynamics = Dynamics(mechanism, 16, 10.0, 0.5, False, nnx.Rngs(seed))
     dynamics.log_masses[...] = 0.5 * jnp.arange(mechanism.num_keypoints)
     dynamics.level[...] = jnp.array([LENGTH**2 / 2] * len(mechanism.rods) + [0.0] * len(mechanism.sliders))
     return dynamics

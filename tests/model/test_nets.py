@@ -166,7 +166,7 @@ def test_the_papers_architecture():
 
 
 def test_the_papers_initial_forces_are_small():
-    mlp = MLP(4, 32, 1, PAPER_NETWORKS.force_scale, PAPER_NETWORKS.kernel_scale, nnx.Rngs(0))
+    mlp = MLP(4, 32, 1, PAPER_NETWORKS.force_scale, PAPER_NETWORKS.kernel_scale, False, nnx.Rngs(0))
     for layer in (mlp.first, mlp.second, mlp.out):
         assert np.std(layer.kernel[...]) == pytest.approx(0.01, rel=0.3)
     x = jnp.linspace(-1, 1, 4)

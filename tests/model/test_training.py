@@ -33,7 +33,7 @@ TINY = Preset(
     (
         Discover(steps=6, batch=4, learning_rate=1e-3),
         FitWindows(steps=4, batch=4, learning_rate=1e-3, window=4),
-        FitTrajectories(steps=4, batch=4, learning_rate=1e-3, restart=True),
+        FitTrajectories(steps=4, batch=4, learning_rate=1e-3, restart=True, identify=2),
         Distil(steps=4, batch=4, learning_rate=1e-3),
     ),
 )

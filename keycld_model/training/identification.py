@@ -1,0 +1,239 @@
+"""Second-order identification of what few numbers describe: masses, where they are, and linear forces.
+
+Masses, their places on the rods and the scale of the forces nearly compensate for each other over half a second of
+motion. Gradient descent creeps along that valley for thousands of steps; Gauss-Newton crosses it in a few.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.flatten_util import ravel_pytree
+from numpy.typing import NDArray
+
+from keycld_model.modules import Parts
+from keycld_model.numerics import null_space
+from keycld_model.physics import constraint_jacobian
+from keycld_model.training.keypoint_tables import end_rods, slide_along_rods
+from keycld_model.training.stage import Variables
+
+HUBER = 0.01
+"""Deviation of a keypoint, image units, from which its weight falls."""
+CHUNK = 90
+"""Sequences whose derivatives are in memory together."""
+RIDGE = 1e-9
+"""Relative; holds directions that the recordings do not determine, such as forces along a rod."""
+ATTEMPTS = 6
+"""Steps tried, each ten times more cautious, before the fit counts as converged."""
+CONVERGED = 1e-5
+"""Relative gain of a step below which the fit counts as converged."""
+
+Vector = NDArray[np.float64]
+
+
+def identify(
+    parts: Parts,
+    variables: Variables,
+    keypoints: Array | NDArray[np.float32],
+    actions: NDArray[np.float32],
+    iterations: int,
+    slide: bool = True,
+) -> Variables:
+    """Fit masses, rod scales, levels, linear terms of V and g, and all initial states, to keypoints at once.
+
+    A Levenberg-Marquardt fit with Huber weights; the initial state of each sequence is eliminated by a Schur
+    complement, as in bundle adjustment (Triggs et al., Bundle Adjustment: A Modern Synthesis, 2000).
+
+    Args:
+        parts: the networks; V and g must have linear terms.
+        variables: "dynamics", "rod_scale" and "trajectories" to start from.
+        keypoints: `[N, T, n]` as measured (before `slide_along_rods`).
+        actions: `[N, T-1, m]`.
+        iterations: at most this many steps.
+        slide: also fit the rod scales.
+
+    Returns:
+        Variables with these three replaced.
+    """
+    problem = _Problem(parts, variables, keypoints, actions, slide)
+    x, v = variables["trajectories"]["x"], variables["trajectories"]["v"]
+    theta, caution = problem.start, 1e-5
+    blocks = problem.blocks(theta, x, v)
+    for _ in range(iterations):
+        before = blocks.cost.sum()
+        for _ in range(ATTEMPTS):
+            shared, own = blocks.step(len(theta), caution)
+            cost, new_x, new_v = problem.try_step(theta + shared, own, x, v)
+            if cost.sum() < before:
+                break
+            caution *= 10
+        else:
+            break
+        theta, x, v, caution = theta + shared, new_x, new_v, max(caution / 10, 1e-10)
+        if cost.sum() > (1 - CONVERGED) * before:
+            break
+        blocks = problem.blocks(theta, x, v)
+    return {**problem.variables(jnp.asarray(theta, jnp.float32)), "trajectories": {"x": x, "v": v}}
+
+
+class _Blocks(NamedTuple):
+    """Gauss-Newton approximation of every sequence's cost in p shared parameters and s of its own.
+
+    Attributes:
+        hessian: `[N, p+s, p+s]`.
+        gradient: `[N, p+s]`.
+        cost: `[N]`.
+    """
+
+    hessian: Vector
+    gradient: Vector
+    cost: Vector
+
+    def step(self, p: int, caution: float) -> tuple[Vector, Vector]:
+        """The step of the shared parameters `[p]` and of the sequences' own `[N, s]`."""
+        good = np.isfinite(self.hessian).all((1, 2)) & np.isfinite(self.gradient).all(1)
+        h, g = self.hessian[good], self.gradient[good]
+        own, cross = h[:, p:, p:], h[:, p:, :p]
+        diagonal = np.einsum("nii->ni", own)
+        own = own + (caution * diagonal + 1e-9)[:, :, None] * np.eye(own.shape[1])
+        solved = np.linalg.solve(own, np.concatenate([cross, g[:, p:, None]], axis=-1))
+        shared = h[:, :p, :p].sum(0) - np.einsum("nsp,nsq->pq", cross, solved[..., :-1])
+        right = g[:, :p].sum(0) - np.einsum("nsp,ns->p", cross, solved[..., -1])
+        diagonal = np.diag(shared)
+        first = -np.linalg.solve(shared + np.diag(caution * diagonal + RIDGE * diagonal.mean()), right)
+        second = np.zeros((len(self.cost), own.shape[1]))
+        second[good] = -(solved[..., -1] + solved[..., :-1] @ first)
+        return first, second
+
+
+class _Problem:
+    """Residuals and derivatives, in coordinates in which the valley is nearly straight.
+
+    Forces act where keypoints were seen, wherever on the rod the mass is, and a mass at the end of a rod counts by its
+    moment about the joint; so a wrong place of the mass leaves forces and inertia as they are.
+    """
+
+    def __init__(
+        self,
+        parts: Parts,
+        variables: Variables,
+        keypoints: Array | NDArray[np.float32],
+        actions: NDArray[np.float32],
+        slide: bool,
+    ) -> None:
+        self.parts, self.first = parts, variables
+        self.mechanism = parts.config.mechanism
+        self.ends = jnp.asarray([end for _, end in end_rods(self.mechanism)] if slide else [], int)
+        parameters, self._unravel = ravel_pytree(self._parameters(variables))
+        self.start = np.asarray(parameters, np.float64)
+        data = jnp.asarray(keypoints), jnp.asarray(actions)
+        self._blocks = jax.jit(
+            lambda theta, x, v: jax.lax.map(lambda row: self._block(theta, *row), (x, v, *data), batch_size=CHUNK)
+        )
+        self._try = jax.jit(
+            lambda theta, z, x, v: jax.vmap(lambda *row: self._cost(theta, *row))(z, x, v, *data),
+        )
+
+    def blocks(self, theta: Vector, x: Array, v: Array) -> _Blocks:
+        """Second-order pictures of the costs of all sequences at these parameters and states `[N, n]`."""
+        hessian, gradient, cost = self._blocks(jnp.asarray(theta, jnp.float32), x, v)
+        return _Blocks(np.asarray(hessian, np.float64), np.asarray(gradient, np.float64), self._bounded(cost))
+
+    def try_step(self, theta: Vector, z: Vector, x: Array, v: Array) -> tuple[Vector, Array, Array]:
+        """Costs `[N]` with these parameters after moving the states by z, and the states moved."""
+        cost, x, v = self._try(jnp.asarray(theta, jnp.float32), jnp.asarray(z, jnp.float32), x, v)
+        return self._bounded(cost), x, v
+
+    def _bounded(self, cost: Array) -> Vector:
+        """A trajectory that diverges costs as if all its keypoints were an image unit away."""
+        bound = HUBER * self.mechanism.num_keypoints
+        return np.nan_to_num(np.minimum(np.asarray(cost, np.float64), bound), nan=bound)
+
+    def _stretch(self, rod_scale: Array) -> Array:
+        """S `[n, n]`: positions of the masses = S positions seen."""
+        return slide_along_rods(self.mechanism, rod_scale, jnp.eye(2 * self.mechanism.num_keypoints)).T
+
+    def _stretched_levels(self, rod_scale: Array) -> Array:
+        """`[c]` factors on the constants of the constraints between what is seen and where the masses are."""
+        ends = [end for _, end in end_rods(self.mechanism)]
+        rods = [jnp.exp(2 * rod_scale[r.end]) if r.end in ends else jnp.ones(()) for r in self.mechanism.rods]
+        return jnp.stack(rods + [jnp.ones(())] * len(self.mechanism.sliders))
+
+    def _parameters(self, variables: Variables) -> dict[str, Array]:
+        dynamics, scale = variables["dynamics"], variables["rod_scale"]
+        stretch, n = self._stretch(scale), 2 * self.mechanism.num_keypoints
+        kernel = dynamics["input"]["linear"]["kernel"].reshape(n, n, -1)
+        return {
+            "inertia": jax.nn.log_softmax(dynamics["log_masses"]).at[self.ends].add(2 * scale[self.ends]),
+            "rod_scale": scale[self.ends],
+            "level": dynamics["level"] / self._stretched_levels(scale),
+            "potential": stretch.T @ dynamics["potential"]["linear"]["kernel"],
+            "input": jnp.einsum("xi,xfu,fj->iju", stretch, kernel, stretch),
+            "constant_input": stretch.T @ dynamics["input"]["linear"]["bias"].reshape(n, -1),
+        }
+
+    def variables(self, theta: Array) -> Variables:
+        """Variables with these parameters; masses have sum 1."""
+        p = self._unravel(theta)
+        scale = self.first["rod_scale"].at[self.ends].set(p["rod_scale"])
+        log_masses = p["inertia"].at[self.ends].add(-2 * p["rod_scale"])
+        total = jnp.sum(jnp.exp(log_masses))
+        back = jnp.linalg.inv(self._stretch(scale))
+        old = self.first["dynamics"]
+        potential, force = old["potential"], old["input"]
+        kernel = jnp.einsum("ix,iju,jf->xfu", back, p["input"], back) / total
+        linear = {
+            "kernel": kernel.reshape(kernel.shape[0], -1),
+            "bias": (back.T @ p["constant_input"] / total).reshape(-1),
+        }
+        dynamics = {
+            **old,
+            "log_masses": log_masses - jnp.log(total),
+            "level": p["level"] * self._stretched_levels(scale),
+            "potential": {
+                **potential,
+                "linear": {**potential["linear"], "kernel": back.T @ p["potential"] / total},
+            },
+            "input": {**force, "linear": linear},
+        }
+        return {**self.first, "dynamics": dynamics, "rod_scale": scale}
+
+    def _deviations(
+        self, theta: Array, z: Array, x: Array, v: Array, keypoints: Array, actions: Array
+    ) -> tuple[Array, tuple[Array, Array]]:
+        """Rollout minus keypoints `[T, n]` where they were seen, and the initial state after moving it by z."""
+        variables, h = self.variables(theta), self.parts.config.timestep
+        model = self.parts.dynamics(variables)
+        basis = null_space(constraint_jacobian(self.mechanism, x, model.pivot[...]))
+        dof = basis.shape[1]
+        state = model.project(x + basis @ z[:dof], v + basis @ z[dof:])
+        positions, _ = model.rollout(*state, actions, h)
+        return slide_along_rods(self.mechanism, -variables["rod_scale"], positions) - keypoints, state
+
+    def _block(self, theta: Array, x: Array, v: Array, keypoints: Array, actions: Array) -> tuple[Array, Array, Array]:
+        p = theta.shape[0]
+
+        def deviations(q: Array) -> Array:
+            return self._deviations(q[:p], q[p:], x, v, keypoints, actions)[0].ravel()
+
+        q = jnp.concatenate([theta, jnp.zeros(2 * self.mechanism.degrees_of_freedom, theta.dtype)])
+        error, jacobian = deviations(q), jax.jacfwd(deviations)(q)
+        distance, cost = _huber(error)
+        weight = jnp.repeat(jnp.minimum(1.0, HUBER / distance), 2) / keypoints.shape[0]
+        weighted = jacobian * weight[:, None]
+        return weighted.T @ jacobian, weighted.T @ error, cost / keypoints.shape[0]
+
+    def _cost(
+        self, theta: Array, z: Array, x: Array, v: Array, keypoints: Array, actions: Array
+    ) -> tuple[Array, Array, Array]:
+        error, state = self._deviations(theta, z, x, v, keypoints, actions)
+        return _huber(error)[1] / keypoints.shape[0], *state
+
+
+def _huber(error: Array) -> tuple[Array, Array]:
+    """Distances of all keypoints in all frames, and the sum of their Huber losses."""
+    distance = jnp.sqrt(jnp.sum(error.reshape(-1, 2) ** 2, axis=-1) + 1e-12)
+    near = distance < HUBER
+    return distance, jnp.sum(jnp.where(near, 0.5 * distance**2, HUBER * (distance - 0.5 * HUBER)))

@@ -1,0 +1,99 @@
+"""Gauss-Newton identification: it recovers a mechanism that is known, where gradient descent hardly moves."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from swinging import random_parameters
+
+from keycld_envs.mechanism import Mechanism, Rod, Slider
+from keycld_model.config import ModelConfig, NetworkConfig
+from keycld_model.modules import Parts
+from keycld_model.training.identification import identify
+from keycld_model.training.keypoint_tables import slide_along_rods
+
+PENDULUMS = Mechanism(num_keypoints=2, num_actions=2, rods=(Rod(None, 0), Rod(0, 1)))
+CART = Mechanism(num_keypoints=2, num_actions=2, rods=(Rod(0, 1),), sliders=(Slider(0),))
+N, T, TIMESTEP = 40, 24, 0.02
+NOISE = 0.0002
+"""Image units; where a cart is six times heavier than its pole, more hides where the mass of the pole is."""
+SCALE = 0.75
+"""The mass is at this fraction of the distance at which its keypoint is seen."""
+
+
+def truth(mechanism, masses):
+    """A model with gravity and motors, linear in the positions; its networks' nonlinear part is zero."""
+    parts = Parts(ModelConfig(mechanism, TIMESTEP, (16, 16), networks=NetworkConfig(width=8, constants=4, hidden=8)))
+    variables = jax.tree.map(jnp.asarray, random_parameters(parts.config))
+    dynamics = variables["dynamics"]
+    dynamics["log_masses"] = jnp.log(jnp.asarray(masses))
+    for name in ("potential", "input"):
+        dynamics[name] = jax.tree.map(jnp.zeros_like, dynamics[name])
+    gravity = jnp.asarray([0.0, 0.6 * masses[0], 0.0, 0.6 * masses[1]])[:, None]
+    dynamics["potential"]["linear"]["kernel"] = gravity
+    kernel, bias = np.zeros((4, 4, 2)), np.zeros((4, 2))  # position, force, action
+    turn = 2.0 * np.array([[0.0, -1.0], [1.0, 0.0]])  # force (-y, x) times the torque, up to the squared length
+    if mechanism is CART:
+        bias[0, 0] = 1.0
+        kernel[:2, 2:, 1], kernel[2:, 2:, 1] = -turn, turn
+    else:
+        kernel[:2, :2, 0] = turn
+        kernel[:2, 2:, 1], kernel[2:, 2:, 1] = -turn, turn
+    dynamics["input"]["linear"] = {
+        "kernel": jnp.asarray(kernel.reshape(4, 4 * 2), jnp.float32),
+        "bias": jnp.asarray(bias.ravel(), jnp.float32),
+    }
+    return parts, {**variables, "rod_scale": jnp.asarray([0.0, np.log(SCALE)], jnp.float32)}
+
+
+def motion(parts, variables, noise):
+    """Keypoints as they are seen, actions, and the true initial states."""
+    rng, model = np.random.default_rng(0), parts.dynamics(variables)
+    angles = rng.uniform(-np.pi, np.pi, (N, 2))
+    arm = 0.5 * np.stack([np.sin(angles), np.cos(angles)], axis=-1)
+    first = arm[:, 0] if parts.config.mechanism is PENDULUMS else np.stack([angles[:, 0] / 8, np.zeros(N)], -1)
+    x = jnp.asarray(np.concatenate([first, first + arm[:, 1]], axis=-1), jnp.float32)
+    u = jnp.asarray(np.repeat(rng.uniform(-3, 3, (N, 1, 2)), T - 1, axis=1), jnp.float32)
+    v = jnp.asarray(rng.normal(size=(N, 4)), jnp.float32)
+    x, v = jax.vmap(model.project)(x, v)
+    positions = jax.vmap(lambda x, v, u: model.rollout(x, v, u, TIMESTEP)[0])(x, v, u)
+    seen = slide_along_rods(parts.config.mechanism, -variables["rod_scale"], positions)
+    return np.asarray(seen + noise * rng.normal(size=seen.shape), np.float32), np.asarray(u), {"x": x, "v": v}
+
+
+@pytest.mark.parametrize(
+    "mechanism, masses, guess",
+    [(PENDULUMS, (0.6, 0.4), (0.5, 0.5)), (CART, (0.85, 0.15), (0.85, 0.15))],
+    ids=["arm", "cart"],
+)
+def test_masses_and_their_places_are_found(mechanism, masses, guess):
+    parts, right = truth(mechanism, masses)
+    seen, actions, states = motion(parts, right, noise=NOISE)
+    wrong = {**right, "rod_scale": jnp.zeros(2), "trajectories": states}
+    wrong["dynamics"] = {**right["dynamics"], "log_masses": jnp.log(jnp.asarray(guess))}
+    level = jax.vmap(parts.dynamics(right).constraint)(jnp.asarray(seen[:, 0]))
+    wrong["dynamics"]["level"] = level.mean(axis=0)
+    found = identify(parts, wrong, seen, actions, iterations=20)
+    model = parts.dynamics(found)
+    assert float(jnp.exp(found["rod_scale"][1])) == pytest.approx(SCALE, rel=0.03)
+    np.testing.assert_allclose(model.masses, masses, atol=0.02)
+    assert float(jnp.sum(model.masses)) == pytest.approx(1, abs=1e-5)
+    positions = jax.vmap(lambda x, v, u: model.rollout(x, v, u, TIMESTEP)[0])(
+        found["trajectories"]["x"], found["trajectories"]["v"], actions
+    )
+    error = slide_along_rods(mechanism, -found["rod_scale"], positions) - seen
+    assert float(jnp.sqrt(jnp.mean(error**2))) < 1.1 * NOISE
+    # Without the slide, it stays where it is.
+    kept = identify(parts, wrong, seen, actions, iterations=1, slide=False)
+    np.testing.assert_array_equal(kept["rod_scale"], wrong["rod_scale"])
+
+
+def test_sequences_that_diverge_do_no_harm():
+    parts, right = truth(PENDULUMS, (0.6, 0.4))
+    seen, actions, states = motion(parts, right, noise=0.001)
+    seen = seen.copy()
+    seen[0] += 0.5 * np.random.default_rng(1).normal(size=seen[0].shape)
+    start = {**right, "trajectories": {"x": states["x"], "v": states["v"].at[1].set(1e20)}}
+    found = identify(parts, start, seen, actions, iterations=5)
+    assert float(jnp.exp(found["rod_scale"][1])) == pytest.approx(SCALE, rel=0.03)
+    np.testing.assert_allclose(parts.dynamics(found).masses, (0.6, 0.4), atol=0.02)
