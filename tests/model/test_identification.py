@@ -12,6 +12,8 @@ from keycld_model.modules import Parts
 from keycld_model.training.identification import identify
 from keycld_model.training.keypoint_tables import slide_along_rods
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PENDULUMS = Mechanism(num_keypoints=2, num_actions=2, rods=(Rod(None, 0), Rod(0, 1)))
 CART = Mechanism(num_keypoints=2, num_actions=2, rods=(Rod(0, 1),), sliders=(Slider(0),))
 N, T, TIMESTEP = 40, 24, 0.02
@@ -83,17 +85,15 @@ def test_masses_and_their_places_are_found(mechanism, masses, guess):
     )
     error = slide_along_rods(mechanism, -found["rod_scale"], positions) - seen
     assert float(jnp.sqrt(jnp.mean(error**2))) < 1.1 * NOISE
-    # Without the slide, it stays where it is.
-    kept = identify(parts, wrong, seen, actions, iterations=1, slide=False)
-    np.testing.assert_array_equal(kept["rod_scale"], wrong["rod_scale"])
 
 
-def test_sequences_that_diverge_do_no_harm():
+def test_sequences_that_diverge_do_no_harm_and_masses_can_be_held_in_place():
     parts, right = truth(PENDULUMS, (0.6, 0.4))
     seen, actions, states = motion(parts, right, noise=0.001)
     seen = seen.copy()
     seen[0] += 0.5 * np.random.default_rng(1).normal(size=seen[0].shape)
     start = {**right, "trajectories": {"x": states["x"], "v": states["v"].at[1].set(1e20)}}
-    found = identify(parts, start, seen, actions, iterations=5)
-    assert float(jnp.exp(found["rod_scale"][1])) == pytest.approx(SCALE, rel=0.03)
+    start["dynamics"] = {**right["dynamics"], "log_masses": jnp.zeros(2)}
+    found = identify(parts, start, seen, actions, iterations=5, slide=False)
+    np.testing.assert_array_equal(found["rod_scale"], right["rod_scale"])
     np.testing.assert_allclose(parts.dynamics(found).masses, (0.6, 0.4), atol=0.02)
