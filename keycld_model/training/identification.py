@@ -92,8 +92,10 @@ class _Blocks(NamedTuple):
     cost: Vector
 
     def step(self, p: int, caution: float) -> tuple[Vector, Vector]:
-        """The step of the shared parameters `[p]` and of the sequences' own `[N, s]`."""
+        """The step of the shared parameters `[p]` and of the sequences' own `[N, s]`; zero if all have diverged."""
         good = np.isfinite(self.hessian).all((1, 2)) & np.isfinite(self.gradient).all(1)
+        if not good.any():
+            return np.zeros(p), np.zeros((len(self.cost), self.gradient.shape[1] - p))
         h, g = self.hessian[good], self.gradient[good]
         own, cross = h[:, p:, p:], h[:, p:, :p]
         diagonal = np.einsum("nii->ni", own)

@@ -97,3 +97,12 @@ def test_sequences_that_diverge_do_no_harm_and_masses_can_be_held_in_place():
     found = identify(parts, start, seen, actions, iterations=5, slide=False)
     np.testing.assert_array_equal(found["rod_scale"], right["rod_scale"])
     np.testing.assert_allclose(parts.dynamics(found).masses, (0.6, 0.4), atol=0.02)
+
+
+def test_if_all_diverge_nothing_changes():
+    parts, right = truth(PENDULUMS, (0.6, 0.4))
+    seen, actions, states = motion(parts, right, noise=0.0)
+    start = {**right, "trajectories": {"x": states["x"], "v": jnp.full_like(states["v"], jnp.nan)}}
+    found = identify(parts, start, seen, actions, iterations=2)
+    np.testing.assert_allclose(found["dynamics"]["log_masses"], jnp.log(jnp.asarray((0.6, 0.4))), atol=1e-6)
+    np.testing.assert_allclose(found["rod_scale"], right["rod_scale"], atol=1e-6)
