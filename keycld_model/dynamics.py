@@ -8,7 +8,7 @@ from jax import Array
 from keycld_envs.mechanism import Mechanism
 from keycld_model import physics
 from keycld_model.nets import MLP
-from keycld_model.numerics import rk4_step
+from keycld_model.numerics import null_space, rk4_step
 
 
 class Dynamics(nnx.Module):
@@ -70,6 +70,10 @@ class Dynamics(nnx.Module):
         """Nearest state that meets the constraints, in the metric of the masses."""
         x = physics.project_position(self.mechanism, self.masses, self.level[...], x, self.pivot[...], iterations)
         return x, physics.project_velocity(self.mechanism, self.masses, x, v, self.pivot[...])
+
+    def tangent_space(self, x: Array) -> Array:
+        """Orthonormal basis `[n, dof]` of the directions in which a configuration can move."""
+        return null_space(physics.constraint_jacobian(self.mechanism, x, self.pivot[...]))
 
     def step(self, x: Array, v: Array, u: Array, step_size: float) -> tuple[Array, Array]:
         """One Runge-Kutta step under a held action, then projection of position and velocity."""

@@ -7,8 +7,6 @@ import jax.numpy as jnp
 from jax import Array
 
 from keycld_model.dynamics import Dynamics
-from keycld_model.numerics import null_space
-from keycld_model.physics import constraint_jacobian
 
 DAMPING = 1e-6
 KEYPOINT_WEIGHT = 20.0
@@ -99,7 +97,7 @@ def _gauss_newton(
 ) -> tuple[Array, Array]:
     """One step in the coordinates of the tangent space."""
     x, v = state
-    basis = null_space(constraint_jacobian(dynamics.mechanism, x, dynamics.pivot[...]))
+    basis = dynamics.tangent_space(x)
     dof = basis.shape[1]
 
     def moved(z: Array) -> tuple[Array, Array]:

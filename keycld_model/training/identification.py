@@ -14,8 +14,6 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from keycld_model.modules import Parts
-from keycld_model.numerics import null_space
-from keycld_model.physics import constraint_jacobian
 from keycld_model.training.keypoint_tables import end_rods, slide_along_rods
 from keycld_model.training.stage import Variables
 
@@ -206,12 +204,11 @@ class _Problem:
         self, theta: Array, z: Array, x: Array, v: Array, keypoints: Array, actions: Array
     ) -> tuple[Array, tuple[Array, Array]]:
         """Rollout minus keypoints `[T, n]` where they were seen, and the initial state after moving it by z."""
-        variables, h = self.variables(theta), self.parts.config.timestep
+        variables = self.variables(theta)
         model = self.parts.dynamics(variables)
-        basis = null_space(constraint_jacobian(self.mechanism, x, model.pivot[...]))
-        dof = basis.shape[1]
+        basis, dof = model.tangent_space(x), self.mechanism.degrees_of_freedom
         state = model.project(x + basis @ z[:dof], v + basis @ z[dof:])
-        positions, _ = model.rollout(*state, actions, h)
+        positions, _ = model.rollout(*state, actions, self.parts.config.timestep)
         return slide_along_rods(self.mechanism, -variables["rod_scale"], positions) - keypoints, state
 
     def _block(self, theta: Array, x: Array, v: Array, keypoints: Array, actions: Array) -> tuple[Array, Array, Array]:

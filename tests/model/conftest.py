@@ -19,7 +19,7 @@ def x64() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def unoptimised() -> Iterator[None]:
-    """Compile fast what runs once. (Gradients of max-pooling need the optimiser: unfused, they may divide by zero.)"""
+    """Compile fast what runs once."""
     jax.config.update("jax_disable_most_optimizations", True)
     yield
     jax.config.update("jax_disable_most_optimizations", False)

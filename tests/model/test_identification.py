@@ -17,8 +17,8 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 PENDULUMS = Mechanism(num_keypoints=2, num_actions=2, rods=(Rod(None, 0), Rod(0, 1)))
 CART = Mechanism(num_keypoints=2, num_actions=2, rods=(Rod(0, 1),), sliders=(Slider(0),))
 N, T, TIMESTEP = 40, 24, 0.02
-NOISE = 0.0002
-"""Image units; where a cart is six times heavier than its pole, more hides where the mass of the pole is."""
+NOISE = 0.001
+"""Image units."""
 SCALE = 0.75
 """The mass is at this fraction of the distance at which its keypoint is seen."""
 
@@ -66,6 +66,7 @@ def motion(parts, variables, noise):
 @pytest.mark.parametrize(
     "mechanism, masses, guess",
     [(PENDULUMS, (0.6, 0.4), (0.5, 0.5)), (CART, (0.85, 0.15), (0.85, 0.15))],
+    # From wrong masses as well the cart ends in another minimum; gradient descent on windows comes first in training.
     ids=["arm", "cart"],
 )
 def test_masses_and_their_places_are_found(mechanism, masses, guess):
@@ -89,7 +90,7 @@ def test_masses_and_their_places_are_found(mechanism, masses, guess):
 
 def test_sequences_that_diverge_do_no_harm_and_masses_can_be_held_in_place():
     parts, right = truth(PENDULUMS, (0.6, 0.4))
-    seen, actions, states = motion(parts, right, noise=0.001)
+    seen, actions, states = motion(parts, right, noise=NOISE)
     seen = seen.copy()
     seen[0] += 0.5 * np.random.default_rng(1).normal(size=seen[0].shape)
     start = {**right, "trajectories": {"x": states["x"], "v": states["v"].at[1].set(1e20)}}
