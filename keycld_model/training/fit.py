@@ -110,14 +110,19 @@ class FitTrajectories(_Fit):
         portion: fraction of each sequence to follow, from its first frame; grows from stage to stage.
         restart: estimate the initial states anew from the first frames.
         slide: let keypoints move along their rods.
+        sparse: the Gauss-Newton steps let motors act on few keypoints.
         identify: at most this many Gauss-Newton steps on masses, slide and linear terms, if there are any, before the
             optimiser's.
     """
 
+    steps: int = 0
+    learning_rate: float = 1e-3
+    batch: int = 64
     trained: tuple[str, ...] = ("dynamics", "rod_scale", "trajectories")
     portion: float = 1.0
     restart: bool = False
     slide: bool = True
+    sparse: bool = False
     identify: int = 0
 
     def frames(self, data: TrainingData) -> int:
@@ -140,7 +145,7 @@ class FitTrajectories(_Fit):
             return variables
         frames = self.frames(data)
         actions = data.actions[:, : frames - 1]
-        return identify(parts, variables, measured[:, :frames], actions, self.identify, self.slide)
+        return identify(parts, variables, measured[:, :frames], actions, self.identify, self.slide, self.sparse)
 
     def prepare(self, parts: Parts, variables: Variables, data: TrainingData) -> Context:
         """Keypoints of all frames."""

@@ -27,6 +27,8 @@ ATTEMPTS = 6
 """Steps tried, each ten times more cautious, before the fit counts as converged."""
 CONVERGED = 1e-5
 """Relative gain of a step below which the fit counts as converged."""
+NEGLIGIBLE = 0.01
+"""A motor's influence on a keypoint, relative to its greatest on any, that hardly differs from none."""
 
 Vector = NDArray[np.float64]
 
@@ -38,11 +40,18 @@ def identify(
     actions: NDArray[np.float32],
     iterations: int,
     slide: bool = True,
+    sparse: bool = False,
 ) -> Variables:
     """Fit masses, rod scales, levels, linear terms of V and g, and all initial states, to keypoints at once.
 
     A Levenberg-Marquardt fit with Huber weights; the initial state of each sequence is eliminated by a Schur
     complement, as in bundle adjustment (Triggs et al., Bundle Adjustment: A Modern Synthesis, 2000).
+
+    A motor acts on few keypoints, as a rule on those beside its joint. If `sparse`, each pair of a motor and a keypoint
+    costs as many parameters as describe it by the Bayesian information criterion; otherwise a force of the cart's motor
+    on the pole looks like the inertia of the pole, and the place of the pole's mass is free. The count is made smooth
+    as in Frommlet and Nuel, An Adaptive Ridge Procedure for L0 Regularization (2016), for groups. The noise is taken
+    from the fit to start from, which should be a good one.
 
     Args:
         parts: the networks; V and g must have linear terms.
@@ -51,29 +60,45 @@ def identify(
         actions: `[N, T-1, m]`.
         iterations: at most this many steps.
         slide: also fit the rod scales.
+        sparse: let motors act on few keypoints.
 
     Returns:
         Variables with these three replaced.
     """
     problem = _Problem(parts, variables, keypoints, actions, slide)
-    x, v = variables["trajectories"]["x"], variables["trajectories"]["v"]
-    theta, caution = problem.start, 1e-5
-    blocks = problem.blocks(theta, x, v)
+    fit = _Fit(problem.start, variables["trajectories"]["x"], variables["trajectories"]["v"])
+    noise = float(np.median(problem.costs(fit))) / parts.config.mechanism.num_keypoints if sparse else 0.0
+    fit = _minimise(problem, fit, noise, iterations)
+    return {**problem.variables(jnp.asarray(fit.theta, jnp.float32)), "trajectories": {"x": fit.x, "v": fit.v}}
+
+
+class _Fit(NamedTuple):
+    """Shared parameters `[p]` and the initial states `[N, n]` of all sequences."""
+
+    theta: Vector
+    x: Array
+    v: Array
+
+
+def _minimise(problem: "_Problem", fit: _Fit, noise: float, iterations: int) -> _Fit:
+    """Levenberg-Marquardt on deviations and, if the noise is not zero, the number of influences."""
+    caution = 1e-5
     for _ in range(iterations):
-        before = blocks.cost.sum()
+        blocks, ridge = problem.blocks(fit), noise * problem.price(fit.theta)
+        before = blocks.cost.sum() + 0.5 * ridge @ fit.theta**2
         for _ in range(ATTEMPTS):
-            shared, own = blocks.step(len(theta), caution)
-            cost, new_x, new_v = problem.try_step(theta + shared, own, x, v)
-            if cost.sum() < before:
+            shared, own = blocks.step(ridge, ridge * fit.theta, caution)
+            costs, new = problem.try_step(fit, shared, own)
+            cost = costs.sum() + 0.5 * ridge @ new.theta**2
+            if cost < before:
                 break
             caution *= 10
         else:
             break
-        theta, x, v, caution = theta + shared, new_x, new_v, max(caution / 10, 1e-10)
-        if cost.sum() > (1 - CONVERGED) * before:
+        fit, caution = new, max(caution / 10, 1e-10)
+        if cost > (1 - CONVERGED) * before:
             break
-        blocks = problem.blocks(theta, x, v)
-    return {**problem.variables(jnp.asarray(theta, jnp.float32)), "trajectories": {"x": x, "v": v}}
+    return fit
 
 
 class _Blocks(NamedTuple):
@@ -89,8 +114,15 @@ class _Blocks(NamedTuple):
     gradient: Vector
     cost: Vector
 
-    def step(self, p: int, caution: float) -> tuple[Vector, Vector]:
-        """The step of the shared parameters `[p]` and of the sequences' own `[N, s]`; zero if all have diverged."""
+    def step(self, ridge: Vector, pull: Vector, caution: float) -> tuple[Vector, Vector]:
+        """The step of the shared parameters `[p]` and of the sequences' own `[N, s]`; zero if all have diverged.
+
+        Args:
+            ridge: `[p]`, second derivatives of the penalty.
+            pull: `[p]`, its gradient.
+            caution: damping of Levenberg and Marquardt.
+        """
+        p = len(ridge)
         good = np.isfinite(self.hessian).all((1, 2)) & np.isfinite(self.gradient).all(1)
         if not good.any():
             return np.zeros(p), np.zeros((len(self.cost), self.gradient.shape[1] - p))
@@ -99,8 +131,8 @@ class _Blocks(NamedTuple):
         diagonal = np.einsum("nii->ni", own)
         own = own + (caution * diagonal + 1e-9)[:, :, None] * np.eye(own.shape[1])
         solved = np.linalg.solve(own, np.concatenate([cross, g[:, p:, None]], axis=-1))
-        shared = h[:, :p, :p].sum(0) - np.einsum("nsp,nsq->pq", cross, solved[..., :-1])
-        right = g[:, :p].sum(0) - np.einsum("nsp,ns->p", cross, solved[..., -1])
+        shared = h[:, :p, :p].sum(0) - np.einsum("nsp,nsq->pq", cross, solved[..., :-1]) + np.diag(ridge)
+        right = g[:, :p].sum(0) + pull - np.einsum("nsp,ns->p", cross, solved[..., -1])
         diagonal = np.diag(shared)
         first = -np.linalg.solve(shared + np.diag(caution * diagonal + RIDGE * diagonal.mean()), right)
         second = np.zeros((len(self.cost), own.shape[1]))
@@ -128,6 +160,7 @@ class _Problem:
         self.ends = jnp.asarray([end for _, end in end_rods(self.mechanism)] if slide else [], int)
         parameters, self._unravel = ravel_pytree(self._parameters(variables))
         self.start = np.asarray(parameters, np.float64)
+        self.sequences = len(keypoints)
         data = jnp.asarray(keypoints), jnp.asarray(actions)
         self._blocks = jax.jit(
             lambda theta, x, v: jax.lax.map(lambda row: self._block(theta, *row), (x, v, *data), batch_size=CHUNK)
@@ -136,15 +169,42 @@ class _Problem:
             lambda theta, z, x, v: jax.vmap(lambda *row: self._cost(theta, *row))(z, x, v, *data),
         )
 
-    def blocks(self, theta: Vector, x: Array, v: Array) -> _Blocks:
-        """Second-order pictures of the costs of all sequences at these parameters and states `[N, n]`."""
-        hessian, gradient, cost = self._blocks(jnp.asarray(theta, jnp.float32), x, v)
+    def price(self, theta: Vector) -> Vector:
+        """Second derivatives `[p]` of the penalty on influences of motors on keypoints, at a noise of one.
+
+        The errors of keypoints go with the pose and hardly average out within a recording, so the frames of one count
+        as a single measurement.
+        """
+        p = self._unravel(jnp.asarray(theta, jnp.float32))
+        n, mass = 2 * self.mechanism.num_keypoints, jax.nn.softmax(p["inertia"])[:, None]
+        linear = jnp.sum(p["input"].reshape(n, n // 2, 2, -1) ** 2, axis=(0, 2))
+        constant = jnp.sum(p["constant_input"].reshape(n // 2, 2, -1) ** 2, axis=1)
+        square = (linear + constant) / mass  # [K, m], of forces as they count in Gauss's principle of least constraint
+        size = 2 * (n + 1)
+        price = np.log(self.sequences) * size / (square + NEGLIGIBLE**2 * square.max(axis=0)) / mass
+        price = jnp.repeat(price, 2, axis=0)
+        prices = {
+            **jax.tree.map(jnp.zeros_like, p),
+            "input": jnp.broadcast_to(price, p["input"].shape),
+            "constant_input": price,
+        }
+        return np.asarray(ravel_pytree(prices)[0], np.float64)
+
+    def blocks(self, fit: _Fit) -> _Blocks:
+        """Second-order pictures of the costs of all sequences."""
+        hessian, gradient, cost = self._blocks(jnp.asarray(fit.theta, jnp.float32), fit.x, fit.v)
         return _Blocks(np.asarray(hessian, np.float64), np.asarray(gradient, np.float64), self._bounded(cost))
 
-    def try_step(self, theta: Vector, z: Vector, x: Array, v: Array) -> tuple[Vector, Array, Array]:
-        """Costs `[N]` with these parameters after moving the states by z, and the states moved."""
-        cost, x, v = self._try(jnp.asarray(theta, jnp.float32), jnp.asarray(z, jnp.float32), x, v)
-        return self._bounded(cost), x, v
+    def try_step(self, fit: _Fit, shared: Vector, own: Vector) -> tuple[Vector, _Fit]:
+        """Costs `[N]` after a step of the parameters `[p]` and of the states `[N, s]`, and the fit after it."""
+        theta = fit.theta + shared
+        cost, x, v = self._try(jnp.asarray(theta, jnp.float32), jnp.asarray(own, jnp.float32), fit.x, fit.v)
+        return self._bounded(cost), _Fit(theta, x, v)
+
+    def costs(self, fit: _Fit) -> Vector:
+        """Costs of all sequences, `[N]`."""
+        stay = np.zeros((self.sequences, 2 * self.mechanism.degrees_of_freedom))
+        return self.try_step(fit, np.zeros_like(fit.theta), stay)[0]
 
     def _bounded(self, cost: Array) -> Vector:
         """A trajectory that diverges costs as if all its keypoints were an image unit away."""

@@ -65,8 +65,7 @@ def motion(parts, variables, noise):
 
 @pytest.mark.parametrize(
     "mechanism, masses, guess",
-    [(PENDULUMS, (0.6, 0.4), (0.5, 0.5)), (CART, (0.85, 0.15), (0.85, 0.15))],
-    # From wrong masses as well the cart ends in another minimum; gradient descent on windows comes first in training.
+    [(PENDULUMS, (0.6, 0.4), (0.5, 0.5)), (CART, (0.85, 0.15), (0.8, 0.2))],
     ids=["arm", "cart"],
 )
 def test_masses_and_their_places_are_found(mechanism, masses, guess):
@@ -77,6 +76,7 @@ def test_masses_and_their_places_are_found(mechanism, masses, guess):
     level = jax.vmap(parts.dynamics(right).constraint)(jnp.asarray(seen[:, 0]))
     wrong["dynamics"]["level"] = level.mean(axis=0)
     found = identify(parts, wrong, seen, actions, iterations=20)
+    found = identify(parts, found, seen, actions, iterations=20, sparse=True)
     model = parts.dynamics(found)
     assert float(jnp.exp(found["rod_scale"][1])) == pytest.approx(SCALE, rel=0.03)
     np.testing.assert_allclose(model.masses, masses, atol=0.02)
@@ -85,7 +85,26 @@ def test_masses_and_their_places_are_found(mechanism, masses, guess):
         found["trajectories"]["x"], found["trajectories"]["v"], actions
     )
     error = slide_along_rods(mechanism, -found["rod_scale"], positions) - seen
-    assert float(jnp.sqrt(jnp.mean(error**2))) < 1.1 * NOISE
+    deviation = np.sort(np.sqrt(np.mean(error**2, axis=(1, 2))))
+    assert deviation[-2] < 1.4 * NOISE  # one recording may get lost, from masses that wrong
+
+
+def test_a_motor_that_does_not_act_on_a_keypoint_is_found_not_to():
+    parts, right = truth(CART, (0.85, 0.15))
+    seen, actions, states = motion(parts, right, noise=NOISE)
+    start = {**right, "trajectories": states}
+    net = right["dynamics"]["input"]
+    # the pole, sideways
+    pushed = {
+        **net,
+        "linear": {**net["linear"], "bias": net["linear"]["bias"].at[2 * 2].set(0.2)},
+    }
+    start["dynamics"] = {**right["dynamics"], "input": pushed}
+    found = identify(parts, start, seen, actions, iterations=10)
+    found = identify(parts, found, seen, actions, iterations=10, sparse=True)["dynamics"]["input"]["linear"]
+    force = np.abs(np.concatenate([found["kernel"].reshape(4, 4, 2), found["bias"].reshape(1, 4, 2)])).max(axis=0)
+    assert force[2:, 0].max() < 0.002 < 0.1 < force[:2, 0].max()
+    assert force[:, 1].max() > 0.1
 
 
 def test_sequences_that_diverge_do_no_harm_and_masses_can_be_held_in_place():
