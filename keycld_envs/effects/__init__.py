@@ -1,0 +1,54 @@
+"""Physics that simulators leave out: one effect per file. Each names itself, prints itself, and changes one slot."""
+
+from keycld_envs.effects.actuator_dead_zone import ActuatorDeadZone
+from keycld_envs.effects.actuator_delay import ActuatorDelay
+from keycld_envs.effects.actuator_gain import ActuatorGain
+from keycld_envs.effects.actuator_lag import ActuatorLag
+from keycld_envs.effects.actuator_saturation import ActuatorSaturation
+from keycld_envs.effects.added_inertia import AddedInertia
+from keycld_envs.effects.asymmetric_friction import AsymmetricFriction
+from keycld_envs.effects.base import Effect as Effect
+from keycld_envs.effects.base import Parameter as Parameter
+from keycld_envs.effects.base import parameter as parameter
+from keycld_envs.effects.clock_drift import ClockDrift
+from keycld_envs.effects.cogging import Cogging
+from keycld_envs.effects.constant_force import ConstantForce
+from keycld_envs.effects.coulomb_friction import CoulombFriction
+from keycld_envs.effects.end_stop import EndStop
+from keycld_envs.effects.external_periodic import ExternalPeriodic
+from keycld_envs.effects.external_pulse import ExternalPulse
+from keycld_envs.effects.gravity_tilt import GravityTilt
+from keycld_envs.effects.position_dependent_friction import PositionDependentFriction
+from keycld_envs.effects.quadratic_drag import QuadraticDrag
+from keycld_envs.effects.sensor_latency import SensorLatency
+from keycld_envs.effects.spring import Spring
+from keycld_envs.effects.stribeck_friction import StribeckFriction
+from keycld_envs.effects.viscous_friction import ViscousFriction
+
+EFFECTS: dict[str, type[Effect]] = {
+    effect.id: effect
+    for effect in (
+        ActuatorDeadZone,
+        ActuatorDelay,
+        ActuatorGain,
+        ActuatorLag,
+        ActuatorSaturation,
+        AddedInertia,
+        AsymmetricFriction,
+        ClockDrift,
+        Cogging,
+        ConstantForce,
+        CoulombFriction,
+        EndStop,
+        ExternalPeriodic,
+        ExternalPulse,
+        GravityTilt,
+        PositionDependentFriction,
+        QuadraticDrag,
+        SensorLatency,
+        Spring,
+        StribeckFriction,
+        ViscousFriction,
+    )
+}
+"""By id."""

@@ -1,0 +1,26 @@
+"""A motor that ignores small commands."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from keycld_envs.effects.base import ActuatorEffect, Array, parameter
+
+
+@dataclass(frozen=True)
+class ActuatorDeadZone(ActuatorEffect):
+    """Commands within the zone do nothing, larger ones are smaller by its width."""
+
+    id: ClassVar[str] = "actuator_dead_zone"
+    equation: ClassVar[str] = "tau = sign(u)*max(0, abs(u) - delta)"
+
+    delta: float = parameter("command", 0.02, low=0.0)
+
+    def command(self, model: mujoco.MjModel, u: Array, h: float) -> Array:
+        """Cut out the middle."""
+        out = u.copy()
+        i = self.index(model)
+        out[:, i] = np.sign(u[:, i]) * np.maximum(0.0, np.abs(u[:, i]) - self.delta)
+        return out

@@ -1,0 +1,24 @@
+"""A motor that is stronger or weaker than thought."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from keycld_envs.effects.base import ActuatorEffect, Array, parameter
+
+
+@dataclass(frozen=True)
+class ActuatorGain(ActuatorEffect):
+    """The motor's torque is k times what the simulator believes."""
+
+    id: ClassVar[str] = "actuator_gain"
+    equation: ClassVar[str] = "tau = k*u"
+
+    k: float = parameter("1", 0.02, low=0.0, absent=1.0)
+
+    def command(self, model: mujoco.MjModel, u: Array, h: float) -> Array:
+        """Scale."""
+        out = u.copy()
+        out[:, self.index(model)] *= self.k
+        return out

@@ -1,0 +1,179 @@
+"""What an effect is: physics that a simulator leaves out, written down once, for simulation and for diagnosis."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, Literal, Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+Kind = Literal["joint", "actuator", "body", "world", "sensor", "camera"]
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What is known of a number before it is fitted.
+
+    Attributes:
+        name: field of the effect.
+        unit: its unit.
+        scale: a small but noticeable value; steps of derivatives are a fraction of it.
+        low: least value that physics allows.
+        high: greatest value.
+        grid: values to start a search from where the motion is not nearly linear in it; empty for a coefficient, in
+            which the effect is linear and of which `absent` is none of it.
+        absent: value at which the effect vanishes.
+    """
+
+    name: str
+    unit: str
+    scale: float
+    low: float = -np.inf
+    high: float = np.inf
+    grid: tuple[float, ...] = ()
+    absent: float = 0.0
+
+
+def parameter(
+    unit: str,
+    scale: float,
+    low: float = -np.inf,
+    high: float = np.inf,
+    grid: tuple[float, ...] = (),
+    absent: float = 0.0,
+) -> Any:
+    """A dataclass field that holds a parameter, `absent` or first of its grid by default; see `Parameter`."""
+    description = {"unit": unit, "scale": scale, "low": low, "high": high, "grid": grid, "absent": absent}
+    return field(default=grid[0] if grid else absent, metadata={"parameter": description})
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """Physics at one place. It changes one slot of the equations; the others stay as they are.
+
+    Subclasses override at least one of `edit`, `command`, `force`, and `observe`. All are functions of arrays of any
+    leading shape, without memory beyond their arguments, so that an environment, a batch of rollouts and a diagnosis
+    use the same code.
+
+    Attributes:
+        where: name of the joint, actuator or body.
+    """
+
+    id: ClassVar[str]
+    family: ClassVar[str]
+    kind: ClassVar[Kind]
+    equation: ClassVar[str]
+
+    where: str
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """The numbers of the effect, in the order of its fields."""
+        return tuple(Parameter(f.name, **f.metadata["parameter"]) for f in fields(cls) if "parameter" in f.metadata)
+
+    @classmethod
+    @abstractmethod
+    def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
+        """One for each place of the model where the effect can be, absent as yet."""
+
+    def __str__(self) -> str:
+        numbers = ", ".join(f"{p.name}={getattr(self, p.name):.4g} {p.unit}".rstrip() for p in self.parameters())
+        return f"{self.id} at {self.where}: {self.equation} ({numbers})"
+
+    @property
+    def is_edit(self) -> bool:
+        """MuJoCo itself has this effect: `edit` says all."""
+        return type(self).force is Effect.force and type(self).command is Effect.command and not self.observes
+
+    @property
+    def observes(self) -> bool:
+        """The effect is in the measurement, not in the motion."""
+        return type(self).observe is not Effect.observe
+
+    def edit(self, model: mujoco.MjModel) -> None:  # noqa: B027 -- most effects edit nothing
+        """Change a compiled model in place."""
+
+    def command(self, model: mujoco.MjModel, u: Array, h: float) -> Array:
+        """What motors get for commands `[T, nu]` at steps of h seconds, the first of which held before."""
+        return u
+
+    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """Generalised force `[..., nv]` at times `[...]`, for `[..., nq]`, `[..., nv]`, and commands `[..., nu]`."""
+        return np.zeros_like(v)
+
+    def observe(self, t: Array) -> Array:
+        """Times of the motion that a sensor shows at its times `[...]`."""
+        return t
+
+
+@dataclass(frozen=True)
+class JointEffect(Effect):
+    """An effect at a joint with one degree of freedom."""
+
+    kind: ClassVar[Kind] = "joint"
+
+    @classmethod
+    def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
+        """Every hinge and slide."""
+        return tuple(cls(model.joint(j).name) for j in range(model.njnt))
+
+    def dof(self, model: mujoco.MjModel) -> int:
+        """Index among the velocities."""
+        return int(model.jnt_dofadr[model.joint(self.where).id])
+
+    def at_joint(self, model: mujoco.MjModel, like: Array, force: Array) -> Array:
+        """Generalised force `[..., nv]` that is `force` at this joint."""
+        out = np.zeros_like(like)
+        out[..., self.dof(model)] = force
+        return out
+
+
+@dataclass(frozen=True)
+class ActuatorEffect(Effect):
+    """An effect at an actuator."""
+
+    kind: ClassVar[Kind] = "actuator"
+    family: ClassVar[str] = "actuation"
+
+    @classmethod
+    def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
+        """Every actuator."""
+        return tuple(cls(model.actuator(i).name) for i in range(model.nu))
+
+    def index(self, model: mujoco.MjModel) -> int:
+        """Index among the commands."""
+        return int(model.actuator(self.where).id)
+
+
+@dataclass(frozen=True)
+class WorldEffect(Effect):
+    """An effect of the surroundings."""
+
+    kind: ClassVar[Kind] = "world"
+    where: str = "world"
+
+    @classmethod
+    def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
+        """One."""
+        return (cls(),)
+
+
+@dataclass(frozen=True)
+class SensorEffect(Effect):
+    """An effect of the measurement."""
+
+    kind: ClassVar[Kind] = "sensor"
+    family: ClassVar[str] = "observation"
+    where: str = "clock"
+
+    @classmethod
+    def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
+        """One, for all joints."""
+        return (cls(),)
+
+
+def smooth_sign(speed: Array) -> Array:
+    """Sign of a speed (rad/s or m/s), continuous through zero."""
+    return np.tanh(speed / 0.02)

@@ -1,0 +1,23 @@
+"""Dry friction."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from keycld_envs.effects.base import JointEffect, parameter
+
+
+@dataclass(frozen=True)
+class CoulombFriction(JointEffect):
+    """Dry friction, which also holds the joint where it is."""
+
+    id: ClassVar[str] = "coulomb_friction"
+    family: ClassVar[str] = "dissipation"
+    equation: ClassVar[str] = "tau = -c*sign(qd)"
+
+    c: float = parameter("N m", 0.02, low=0.0)
+
+    def edit(self, model: mujoco.MjModel) -> None:
+        """Add to the joint's friction loss."""
+        model.dof_frictionloss[self.dof(model)] += self.c

@@ -1,0 +1,26 @@
+"""A force from outside that comes and goes."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from keycld_envs.effects.base import Array, JointEffect, parameter
+
+
+@dataclass(frozen=True)
+class ExternalPeriodic(JointEffect):
+    """A torque that swings at an angular frequency of its own."""
+
+    id: ClassVar[str] = "external_periodic"
+    family: ClassVar[str] = "force"
+    equation: ClassVar[str] = "tau = a*sin(w*t) + b*cos(w*t)"
+
+    a: float = parameter("N m", 0.02)
+    b: float = parameter("N m", 0.02)
+    w: float = parameter("rad/s", 0.05, low=0.5, grid=(2.0, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0))
+
+    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """A sinusoid."""
+        return self.at_joint(model, v, self.a * np.sin(self.w * t) + self.b * np.cos(self.w * t))

@@ -1,0 +1,27 @@
+"""A push from outside."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from keycld_envs.effects.base import Array, JointEffect, parameter
+
+
+@dataclass(frozen=True)
+class ExternalPulse(JointEffect):
+    """A torque that somebody or something adds for a while."""
+
+    id: ClassVar[str] = "external_pulse"
+    family: ClassVar[str] = "force"
+    equation: ClassVar[str] = "tau = f for start <= t < start + duration"
+
+    f: float = parameter("N m", 0.05)
+    start: float = parameter("s", 0.02, grid=(0.0,))
+    duration: float = parameter("s", 0.02, low=0.02, grid=(0.2,))
+
+    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """On and off."""
+        on = (t >= self.start) & (t < self.start + self.duration)
+        return self.at_joint(model, v, self.f * on.astype(np.float64))

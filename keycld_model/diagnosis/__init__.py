@@ -1,0 +1,1 @@
+"""Finds physics that a simulator lacks, from recordings."""

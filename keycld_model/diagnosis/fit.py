@@ -1,0 +1,271 @@
+"""Least squares on trajectories: initial states, nuisances and effects at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.effects import Effect, Parameter
+from keycld_model.diagnosis.simulator import Simulator, Variant
+from keycld_model.diagnosis.windows import Windows
+
+Array = NDArray[np.float64]
+POSITION_STEP, VELOCITY_STEP = 1e-4, 1e-3
+"""Steps of derivatives with respect to initial states."""
+ATTEMPTS = 5
+"""Steps tried, each ten times more cautious, before the fit counts as converged."""
+OUTLIER = 4.0
+"""Deviation, in standard deviations of the noise, from which the cost of a window's sample grows linearly."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Everything that is fitted.
+
+    Attributes:
+        variant: nuisances and effects.
+        q: `[W, nv]` initial positions.
+        v: `[W, nv]` initial velocities.
+    """
+
+    variant: Variant
+    q: Array
+    v: Array
+
+    def with_effects(self, *effects: Effect) -> "Point":
+        """With these effects instead."""
+        return replace(self, variant=replace(self.variant, effects=effects))
+
+    def take(self, index: NDArray[np.int64]) -> "Point":
+        """For some of the windows."""
+        return replace(self, q=self.q[index], v=self.v[index])
+
+
+@dataclass(frozen=True)
+class Knob:
+    """One number of one effect."""
+
+    effect: int
+    parameter: Parameter
+
+
+def knobs(effects: Sequence[Effect]) -> list[Knob]:
+    """All numbers of effects, in order."""
+    return [Knob(i, p) for i, effect in enumerate(effects) for p in effect.parameters()]
+
+
+def turn(effects: Sequence[Effect], knob: Knob, value: float) -> tuple[Effect, ...]:
+    """With one number set."""
+    changed: dict[str, Any] = {knob.parameter.name: value}
+    return tuple(replace(e, **changed) if i == knob.effect else e for i, e in enumerate(effects))
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Whitened residuals of W windows, and their derivatives.
+
+    Attributes:
+        residual: `[W, r]` measured minus predicted over noise; zero where missing.
+        states: `[W, r, 2nv]` minus its derivative with respect to initial positions and velocities.
+        shared: `[W, r, p]` the same with respect to nuisances, then the effects' numbers.
+    """
+
+    residual: Array
+    states: Array
+    shared: Array
+
+    @cached_property
+    def basis(self) -> Array:
+        """`[W, r, 2nv]` orthonormal: what initial states can explain."""
+        return np.linalg.qr(self.states)[0]
+
+    def project(self, columns: Array) -> Array:
+        """What initial states cannot explain of columns `[W, r, k]`."""
+        return columns - self.basis @ (np.swapaxes(self.basis, 1, 2) @ columns)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Windows of recordings, and what may explain them.
+
+    Attributes:
+        simulator: of the mechanism.
+        windows: of the recordings.
+        noise: `[nv]` standard deviation of the measurement, rad or m.
+    """
+
+    simulator: Simulator
+    windows: Windows
+    noise: Array
+
+    def start(self) -> Point:
+        """As believed, from measured initial states."""
+        return Point(Variant(np.zeros(len(self.simulator.nuisances))), *self.windows.initial_states())
+
+    def take(self, index: NDArray[np.int64]) -> "Problem":
+        """For some of the windows."""
+        return replace(self, windows=self.windows.take(index))
+
+    @property
+    def samples(self) -> int:
+        """Numbers measured."""
+        return int(np.isfinite(self.windows.measured).sum())
+
+    @cached_property
+    def spreads(self) -> Array:
+        """Prior standard deviations of the nuisances."""
+        return np.array([n.spread for n in self.simulator.nuisances])
+
+    def residual(self, point: Point) -> Array:
+        """Whitened residuals `[W, r]`; a window that diverges counts as 1,000 standard deviations everywhere."""
+        predicted = self.simulator.simulate(
+            [point.variant], np.zeros(1, int), self.windows, point.q[None], point.v[None]
+        )[0]
+        return self._whiten(predicted)
+
+    def cost(self, point: Point) -> float:
+        """Minus the logarithm of the posterior, in nats, up to a constant."""
+        prior = 0.5 * np.sum((point.variant.values / self.spreads) ** 2)
+        return float(_huber(self.residual(point)).sum() + prior)
+
+    def linearise(self, point: Point, extra: Sequence[tuple[Effect, ...]] = ()) -> tuple[Linearisation, Array]:
+        """Residuals and derivatives at a point.
+
+        Args:
+            point: where.
+            extra: sets of effects, to be predicted from the same nuisances and initial states.
+
+        Returns:
+            The linearisation, and whitened residuals `[len(extra), W, r]` with the extra effects.
+        """
+        base, n, nv = point.variant, len(self.simulator.nuisances), self.windows.measured.shape[2]
+        variants, columns = [base], []
+        for i, nuisance in enumerate(self.simulator.nuisances):
+            if nuisance.kind != "zero":
+                values = base.values.copy()
+                values[i] += nuisance.scale
+                columns.append((i, nuisance.scale))
+                variants.append(replace(base, values=values))
+        for k, knob in enumerate(knobs(base.effects)):
+            value = getattr(base.effects[knob.effect], knob.parameter.name)
+            step = _step(knob.parameter, value)
+            columns.append((n + k, step))
+            variants.append(replace(base, effects=turn(base.effects, knob, value + step)))
+        variants += [replace(base, effects=effects) for effects in extra]
+        which = np.concatenate([np.zeros(2 * nv, int), np.arange(len(variants))])
+        q, v = (np.repeat(z[None], len(which), axis=0) for z in (point.q, point.v))
+        for j in range(nv):
+            q[j, :, j] += POSITION_STEP
+            v[nv + j, :, j] += VELOCITY_STEP
+        predicted = self.simulator.simulate(variants, which, self.windows, q, v)
+        residuals = np.stack([self._whiten(y) for y in predicted])
+        here = residuals[2 * nv]
+        steps = np.repeat([POSITION_STEP, VELOCITY_STEP], nv)
+        states = np.moveaxis((here - residuals[: 2 * nv]) / steps[:, None, None], 0, -1)
+        shared = np.zeros((*here.shape, n + len(knobs(base.effects))))
+        for p, (column, step) in enumerate(columns):
+            shared[..., column] = (here - residuals[2 * nv + 1 + p]) / step
+        measured = np.isfinite(self.windows.measured)
+        for i, nuisance in enumerate(self.simulator.nuisances):
+            if nuisance.kind == "zero":
+                one = np.zeros(self.windows.measured.shape)
+                one[..., nuisance.index] = 1 / self.noise[nuisance.index]
+                shared[..., i] = np.where(measured, one, 0.0).reshape(len(here), -1)
+        return Linearisation(here, states, shared), residuals[2 * nv + 1 + len(columns) :]
+
+    def minimise(self, point: Point, iterations: int = 8, tolerance: float = 0.02) -> "Fit":
+        """Gauss-Newton with caution, initial states eliminated; stops when a step gains less than `tolerance` nats."""
+        cost, caution = self.cost(point), 1e-6
+        hessian = np.eye(0)
+        for _ in range(iterations):
+            linear, _ = self.linearise(point)
+            weight = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(linear.residual), 1e-9)))[..., None]
+            linear = Linearisation(linear.residual * weight[..., 0], linear.states * weight, linear.shared * weight)
+            shared = linear.project(linear.shared)
+            residual = linear.project(linear.residual[..., None])[..., 0]
+            n = len(self.spreads)
+            hessian = np.einsum("wri,wrj->ij", shared, shared)
+            gradient = np.einsum("wri,wr->i", shared, residual)
+            hessian[np.arange(n), np.arange(n)] += self.spreads**-2
+            gradient[:n] -= point.variant.values / self.spreads**2
+            scale = np.diag(hessian) + 1e-9
+            for _ in range(ATTEMPTS):
+                step = np.linalg.lstsq(hessian + np.diag((caution + 1e-9) * scale), gradient, rcond=None)[0]
+                new = self._moved(point, linear, step)
+                if (new_cost := self.cost(new)) < cost:
+                    break
+                caution = max(caution, 1e-6) * 30
+            else:
+                break
+            gain, point, cost, caution = cost - new_cost, new, new_cost, caution / 10
+            if gain < tolerance:
+                break
+        return Fit(self, point, cost, hessian)
+
+    def _moved(self, point: Point, linear: Linearisation, step: Array) -> Point:
+        n, nv = len(self.spreads), point.q.shape[1]
+        effects = list(point.variant.effects)
+        step = step.copy()
+        for k, knob in enumerate(knobs(effects)):
+            old = getattr(effects[knob.effect], knob.parameter.name)
+            new = float(np.clip(old + step[n + k], knob.parameter.low, knob.parameter.high))
+            step[n + k] = new - old
+            effects = list(turn(effects, knob, new))
+        values = point.variant.values + step[:n]
+        left = linear.residual - linear.shared @ step
+        states = np.stack([np.linalg.lstsq(a, b, rcond=1e-10)[0] for a, b in zip(linear.states, left, strict=True)])
+        return Point(Variant(values, tuple(effects)), point.q + states[:, :nv], point.v + states[:, nv:])
+
+    def _whiten(self, predicted: Array) -> Array:
+        deviation = (self.windows.measured - predicted) / self.noise
+        deviation = np.where(np.isfinite(predicted), deviation, 1e3)
+        deviation = np.where(np.isfinite(self.windows.measured), deviation, 0.0)
+        return np.clip(deviation, -1e3, 1e3).reshape(len(self.windows), -1)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The best point that was found.
+
+    Attributes:
+        problem: what was fitted.
+        point: nuisances, effects and initial states.
+        cost: nats.
+        hessian: `[p, p]` of the shared numbers, initial states eliminated.
+    """
+
+    problem: Problem
+    point: Point
+    cost: float
+    hessian: Array
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """What was added."""
+        return self.point.variant.effects
+
+    @cached_property
+    def chi_square(self) -> float:
+        """Mean square of the whitened residuals per degree of freedom; one if only noise is left."""
+        residual = self.problem.residual(self.point)
+        used = self.point.q.size * 2 + len(self.hessian)
+        return float(np.sum(residual**2) / max(1, self.problem.samples - used))
+
+    def deviations(self) -> Array:
+        """Standard deviations of the effects' numbers, in the order of `knobs`."""
+        covariance = np.linalg.pinv(self.hessian)
+        return np.sqrt(np.maximum(np.diag(covariance)[len(self.problem.spreads) :], 0))
+
+
+def _step(parameter: Parameter, value: float) -> float:
+    """Of a derivative; inwards where the bound is near."""
+    step = 0.02 * max(parameter.scale, abs(value) * 0.5)
+    return -step if value + step > parameter.high else step
+
+
+def _huber(z: Array) -> Array:
+    size = np.abs(z)
+    return np.where(size < OUTLIER, 0.5 * z**2, OUTLIER * (size - 0.5 * OUTLIER))

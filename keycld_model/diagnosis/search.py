@@ -1,0 +1,242 @@
+"""Which effects explain what the refitted simulator cannot: all sets of up to three, scored together."""
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.effects import EFFECTS, Effect, Parameter
+from keycld_model.diagnosis.fit import OUTLIER, Fit, Linearisation, Point, Problem, knobs
+
+Array = NDArray[np.float64]
+REFINED = 5
+"""Sets that are refined after each linear scoring."""
+PARTNERS = 40
+"""Pairs that are tried with every third effect."""
+ROUNDS = 4
+"""Times that the search starts again from the best set so far."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """An effect at a place, with its nonlinear parameters at one value of their grids.
+
+    Attributes:
+        effect: absent: its coefficients are zero.
+        coefficients: in which it is linear; empty if it is there or not.
+    """
+
+    effect: Effect
+    coefficients: tuple[Parameter, ...]
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What it is and where."""
+        return self.effect.id, self.effect.where
+
+    def probes(self) -> list[Effect]:
+        """The effect a little present, once per coefficient."""
+        if not self.coefficients:
+            return [self.effect]
+        return [replace(self.effect, **{p.name: p.absent + p.scale}) for p in self.coefficients]
+
+
+def hypotheses(model: mujoco.MjModel, exclude: Iterable[str] = ()) -> list[Hypothesis]:
+    """All effects at all places of a model."""
+    out = []
+    for kind in EFFECTS.values():
+        if kind.id in exclude:
+            continue
+        grids = [p for p in kind.parameters() if p.grid]
+        coefficients = tuple(p for p in kind.parameters() if not p.grid)
+        for effect in kind.candidates(model):
+            for values in itertools.product(*(p.grid for p in grids)):
+                chosen = dict(zip((p.name for p in grids), values, strict=True))
+                out.append(Hypothesis(replace(effect, **chosen), coefficients))
+    return out
+
+
+def penalty(effects: Sequence[Effect], samples: int) -> float:
+    """Nats that a set of effects must gain to be worth its numbers (Schwarz, 1978)."""
+    return 0.5 * np.log(samples) * len(knobs(effects))
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A fit, and what it costs with its numbers paid for."""
+
+    fit: Fit
+    score: float
+
+    @property
+    def keys(self) -> frozenset[tuple[str, str]]:
+        """What and where."""
+        return frozenset((e.id, e.where) for e in self.fit.effects)
+
+
+class Search:
+    """Finds sets of effects, and remembers all that were refined.
+
+    Attributes:
+        found: best fit of each set of effects and places.
+    """
+
+    def __init__(self, problem: Problem, exclude: Iterable[str] = ()) -> None:
+        self.problem = problem
+        self.hypotheses = hypotheses(problem.simulator.model, exclude)
+        self.found: dict[frozenset[tuple[str, str]], Scored] = {}
+
+    def run(self, start: Point) -> Scored:
+        """The best set of effects; none if nothing is worth its numbers."""
+        best = self._refine(start.with_effects())
+        for _ in range(ROUNDS):
+            before = best
+            for effects in self._promising(best.fit):
+                best = min(best, self._refine(best.fit.point.with_effects(*effects)), key=_score)
+            best = self._pruned(best)
+            if before.score - best.score < 1.0:
+                break
+        return best
+
+    def rivals(self, best: Scored, within: float = 4.0) -> dict[tuple[str, str], list[Scored]]:
+        """For each effect of the best set, sets with another in its place that explain as much, within some nats."""
+        out = {}
+        for effect in best.fit.effects:
+            rest = tuple(e for e in best.fit.effects if e is not effect)
+            without = self._refine(best.fit.point.with_effects(*rest))
+            kept = frozenset((e.id, e.where) for e in rest)
+            for effects in self._promising(without.fit, largest=1):
+                self._refine(without.fit.point.with_effects(*effects))
+            out[effect.id, effect.where] = [
+                s
+                for keys, s in self.found.items()
+                if kept < keys and len(keys) == len(best.keys) and keys != best.keys and s.score < best.score + within
+            ]
+        return out
+
+    def _refine(self, point: Point) -> Scored:
+        fit = self.problem.minimise(point)
+        scored = Scored(fit, fit.cost + penalty(fit.effects, self.problem.samples))
+        if scored.keys not in self.found or scored.score < self.found[scored.keys].score:
+            self.found[scored.keys] = scored
+        return scored
+
+    def _pruned(self, best: Scored) -> Scored:
+        """Without effects that are not worth their numbers."""
+        while best.fit.effects:
+            fewer = [
+                self._refine(best.fit.point.with_effects(*(e for e in best.fit.effects if e is not effect)))
+                for effect in best.fit.effects
+            ]
+            if (least := min(fewer, key=_score)).score > best.score:
+                break
+            best = least
+        return best
+
+    def _promising(self, fit: Fit, largest: int = 3) -> Iterator[tuple[Effect, ...]]:
+        """Sets that promise most at a fit's linearisation: its own effects, and up to three more."""
+        used = {(e.id, e.where) for e in fit.effects}
+        free = [h for h in self.hypotheses if h.key not in used]
+        probes = [(i, j, probe) for i, h in enumerate(free) for j, probe in enumerate(h.probes())]
+        linear, probed = self.problem.linearise(fit.point, [(*fit.effects, probe) for *_, probe in probes])
+        columns = np.stack(
+            [(linear.residual - r) / _amount(free[i], j) for (i, j, _), r in zip(probes, probed, strict=True)], axis=-1
+        )
+        gram = _Gram(self.problem, fit, linear, columns)
+        members = [[c for c, (i, _, _) in enumerate(probes) if i == h] for h in range(len(free))]
+        ranked: dict[frozenset[tuple[str, str]], tuple[float, tuple[Effect, ...]]] = {}
+        for chosen in _sets(gram, free, members, self.problem.samples, largest):
+            worth, sizes = chosen.worth, iter(chosen.coefficients)
+            effects = tuple(_present(free[h], [next(sizes) for _ in members[h]]) for h in chosen.hypotheses)
+            keys = frozenset((e.id, e.where) for e in effects)
+            if keys not in ranked or ranked[keys][0] < worth:
+                ranked[keys] = worth, effects
+        best = sorted(ranked.values(), key=lambda item: -item[0])[:REFINED]
+        return ((*fit.effects, *effects) for worth, effects in best if worth > 0)
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    worth: float
+    hypotheses: tuple[int, ...]
+    coefficients: Array
+
+
+class _Gram:
+    """Normal equations of columns after initial states, nuisances and present effects explained what they can."""
+
+    def __init__(self, problem: Problem, fit: Fit, linear: Linearisation, columns: Array) -> None:
+        weight = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(linear.residual), 1e-9)))[..., None]
+        linear = Linearisation(linear.residual * weight[..., 0], linear.states * weight, linear.shared * weight)
+        everything = np.concatenate([linear.shared, columns * weight, linear.residual[..., None]], axis=-1)
+        reduced = linear.project(everything)
+        full = np.einsum("wri,wrj->ij", reduced, reduced)
+        n, p = len(problem.spreads), linear.shared.shape[2]
+        full[np.arange(n), np.arange(n)] += problem.spreads**-2
+        full[:n, -1] -= fit.point.variant.values / problem.spreads**2
+        solved = np.linalg.pinv(full[:p, :p], hermitian=True) @ full[:p, p:]
+        left = full[p:, p:] - full[:p, p:].T @ solved
+        self.matrix, self.vector = left[:-1, :-1], left[:-1, -1]
+        self.own = np.diag(full)[p:-1]  # before others explained what they can
+
+    def gain(self, columns: list[int]) -> tuple[float, Array]:
+        """Nats gained by columns, and their coefficients."""
+        matrix, vector = self.matrix[np.ix_(columns, columns)], self.vector[columns]
+        scale = np.sqrt(np.maximum(np.diag(matrix), 1e-12))
+        own = np.sqrt(np.maximum(self.own[columns], 1e-12))
+        if (scale < 1e-3 * own).any():  # nothing is left of the column
+            return 0.0, np.zeros(len(columns))
+        regular = matrix / np.outer(scale, scale) + 1e-6 * np.eye(len(columns))
+        coefficients = np.linalg.solve(regular, vector / scale) / scale
+        return 0.5 * float(vector @ coefficients), coefficients
+
+
+def _sets(
+    gram: _Gram, free: list[Hypothesis], members: list[list[int]], samples: int, largest: int
+) -> Iterator[_Chosen]:
+    """Admissible sets of hypotheses: all single ones, all pairs, and the best pairs with every third."""
+
+    def evaluate(chosen: tuple[int, ...]) -> _Chosen:
+        gain, coefficients = gram.gain([c for h in chosen for c in members[h]])
+        sizes = iter(coefficients)
+        if not all(_allowed(free[h], [next(sizes) for _ in members[h]]) for h in chosen):
+            return _Chosen(-np.inf, chosen, coefficients)
+        return _Chosen(gain - penalty([free[h].effect for h in chosen], samples), chosen, coefficients)
+
+    everyone = range(len(free))
+    singles = [evaluate((h,)) for h in everyone]
+    yield from singles
+    if largest < 2:
+        return
+    pairs = [evaluate((a, b)) for a, b in itertools.combinations(everyone, 2) if free[a].key != free[b].key]
+    yield from pairs
+    for pair in sorted(pairs, key=lambda c: -c.worth)[:PARTNERS] if largest > 2 else ():
+        taken = {free[h].key for h in pair.hypotheses}
+        yield from (evaluate((*pair.hypotheses, h)) for h in everyone if free[h].key not in taken)
+
+
+def _amount(hypothesis: Hypothesis, j: int) -> float:
+    return hypothesis.coefficients[j].scale if hypothesis.coefficients else 1.0
+
+
+def _allowed(hypothesis: Hypothesis, sizes: list[float]) -> bool:
+    """Signs are as physics has them."""
+    if not hypothesis.coefficients:
+        return 0.3 < sizes[0] < 3.0
+    return all(p.absent + size >= p.low for p, size in zip(hypothesis.coefficients, sizes, strict=True))
+
+
+def _present(hypothesis: Hypothesis, sizes: list[float]) -> Effect:
+    """The effect with these coefficients."""
+    values = {
+        p.name: float(np.clip(p.absent + size, p.low, p.high))
+        for p, size in zip(hypothesis.coefficients, sizes, strict=False)
+    }
+    return replace(hypothesis.effect, **values)
+
+
+def _score(scored: Scored) -> float:
+    return scored.score

@@ -1,0 +1,159 @@
+"""Many short rollouts of variants of a MuJoCo model at once."""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+from numpy.typing import NDArray
+
+from keycld_envs.effects import Effect
+from keycld_model.diagnosis import nuisance
+from keycld_model.diagnosis.nuisance import Nuisance
+from keycld_model.diagnosis.windows import Windows
+
+Array = NDArray[np.float64]
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
+_CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A simulator with other numbers and other physics.
+
+    Attributes:
+        values: of the nuisances.
+        effects: added physics.
+    """
+
+    values: Array
+    effects: tuple[Effect, ...] = ()
+
+
+class Simulator:
+    """Rollouts of a MuJoCo model of hinges and slides, with a Runge-Kutta step of `step` seconds.
+
+    Attributes:
+        model: as it is believed to be.
+        nuisances: what may be refitted.
+    """
+
+    def __init__(self, model: mujoco.MjModel, step: float, threads: int = 2) -> None:
+        self.model = copy.copy(model)
+        self.model.opt.timestep, self.model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
+        self.model.opt.enableflags = 0
+        self.step = step
+        self.nuisances: tuple[Nuisance, ...] = nuisance.nuisances(model)
+        self._data = [mujoco.MjData(self.model) for _ in range(threads)]
+        self._pool = rollout.Rollout(nthread=threads)
+
+    def compile(self, variant: Variant) -> mujoco.MjModel:
+        """The model of a variant, as far as MuJoCo has its effects itself."""
+        model = copy.copy(self.model)
+        nuisance.apply(model, self.nuisances, variant.values)
+        for effect in variant.effects:
+            effect.edit(model)
+        mujoco.mj_setConst(model, self._data[0])
+        return model
+
+    def simulate(
+        self, variants: Sequence[Variant], which: NDArray[np.int64], windows: Windows, q: Array, v: Array
+    ) -> Array:
+        """Measured positions as variants predict them.
+
+        Args:
+            variants: V of them.
+            which: `[P]` variant of each rollout of all windows.
+            windows: W windows.
+            q: `[P, W, nv]` positions at their starts.
+            v: `[P, W, nv]` velocities.
+
+        Returns:
+            `[P, W, n, nv]`; NaN where a rollout diverges.
+        """
+        positions, velocities = self._roll(variants, which, windows, q, v)
+        out = np.empty((len(which), *windows.measured.shape))
+        zero = [i for i, n in enumerate(self.nuisances) if n.kind == "zero"]
+        for p, variant in enumerate(variants[i] for i in which):
+            time = windows.time
+            for effect in variant.effects:
+                time = effect.observe(time)
+            out[p] = _hermite(positions[p], velocities[p], time - windows.start[:, None], self.step)
+            out[p] += variant.values[zero]
+        return out
+
+    def _roll(
+        self, variants: Sequence[Variant], which: NDArray[np.int64], windows: Windows, q: Array, v: Array
+    ) -> tuple[Array, Array]:
+        """Positions and velocities `[P, W, S+1, nv]` at the steps."""
+        models = [self.compile(variant) for variant in variants]
+        commands = np.stack([self._commands(variant, windows) for variant in variants])[which]
+        p, w, nv, s = len(which), len(windows), self.model.nv, windows.steps
+        batch = [models[i] for i in which for _ in range(w)]
+        state = np.zeros((p * w, mujoco.mj_stateSize(self.model, _STATE)))
+        state[:, 1 : 1 + nv], state[:, 1 + nv : 1 + 2 * nv] = q.reshape(-1, nv), v.reshape(-1, nv)
+        path = np.empty((p, w, s + 1, 2 * nv))
+        path[:, :, 0] = state[:, 1 : 1 + 2 * nv].reshape(p, w, -1)
+        nu = self.model.nu
+        control = np.zeros((p, w, s, nu + nv))
+        control[..., :nu] = commands
+        forced = [i for i, variant in enumerate(which) if any(_has_force(e) for e in variants[variant].effects)]
+        if not forced:
+            out = self._run(batch, state, control.reshape(p * w, s, -1))
+            path[:, :, 1:] = out.reshape(p, w, s, -1)[..., 1 : 1 + 2 * nv]
+            return path[..., :nv], path[..., nv:]
+        free = [i for i in range(p) if i not in set(forced)]
+        if free:
+            path[free] = np.concatenate(
+                self._roll([variants[which[i]] for i in free], np.arange(len(free)), windows, q[free], v[free]), axis=-1
+            )
+        rows = np.concatenate([np.arange(i * w, (i + 1) * w) for i in forced])
+        batch, state = [batch[i] for i in rows], state[rows]
+        speed = np.zeros((len(forced), w, nv))
+        for k in range(s):
+            now = state[:, 1 : 1 + 2 * nv].reshape(len(forced), w, -1)
+            q0, v0 = now[..., :nv], now[..., nv:]
+            gain = (v0 - speed) / self.step if k else np.zeros_like(v0)
+            middle = q0 + 0.5 * self.step * v0 + 0.125 * self.step**2 * gain, v0 + 0.5 * self.step * gain
+            speed = v0
+            time = windows.start + (k + 0.5) * self.step
+            for i, row in enumerate(forced):
+                for effect in variants[which[row]].effects:
+                    if _has_force(effect):
+                        control[row, :, k, nu:] += effect.force(
+                            self.model, time, middle[0][i], middle[1][i], control[row, :, k, :nu]
+                        )
+            state = self._run(batch, state, np.ascontiguousarray(control[forced, :, k].reshape(len(rows), 1, -1)))[:, 0]
+            path[forced, :, k + 1] = state[:, 1 : 1 + 2 * nv].reshape(len(forced), w, -1)
+        return path[..., :nv], path[..., nv:]
+
+    def _run(self, models: list[mujoco.MjModel], state: Array, control: Array) -> Array:
+        out = np.empty((*control.shape[:2], state.shape[1]))
+        self._pool.rollout(models, self._data, state, control, control_spec=_CONTROL, state=out)
+        return out
+
+    def _commands(self, variant: Variant, windows: Windows) -> Array:
+        """What motors get, `[W, S, nu]`."""
+        filtered = list(windows.commands)
+        for effect in variant.effects:
+            filtered = [effect.command(self.model, u, self.step) for u in filtered]
+        out = np.empty((len(windows), windows.steps, self.model.nu))
+        for w, (r, k) in enumerate(zip(windows.recording, windows.first, strict=True)):
+            piece = filtered[r][k : k + windows.steps]
+            out[w, : len(piece)], out[w, len(piece) :] = piece, piece[-1:]
+        return out
+
+
+def _has_force(effect: Effect) -> bool:
+    return type(effect).force is not Effect.force
+
+
+def _hermite(q: Array, v: Array, time: Array, step: float) -> Array:
+    """Positions at times `[W, n]` between steps, from positions and velocities `[W, S+1, nv]`."""
+    k = np.clip((time / step).astype(int), 0, q.shape[1] - 2)
+    s = (time / step - k)[..., None]
+    row = np.arange(len(q))[:, None]
+    q0, q1, v0, v1 = q[row, k], q[row, k + 1], v[row, k] * step, v[row, k + 1] * step
+    return (1 + 2 * s) * (1 - s) ** 2 * q0 + s * (1 - s) ** 2 * v0 + s**2 * (3 - 2 * s) * q1 + s**2 * (s - 1) * v1

@@ -1,0 +1,91 @@
+"""Recordings cut into short pieces, each with a start of its own, so that errors do not pile up."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.recordings import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """W pieces of n samples and S steps of the simulation, which start at a step of their recording's grid.
+
+    Attributes:
+        step: seconds per step of the simulation.
+        commands: per recording, commands `[N, nu]` averaged over the steps of its grid.
+        recording: `[W]` index of the recording.
+        first: `[W]` index of the first step in the recording's grid.
+        start: `[W]` time of that step, s.
+        time: `[W, n]` times of the samples, s.
+        measured: `[W, n, nv]` positions, rad or m; NaN where missing.
+        steps: S.
+    """
+
+    step: float
+    commands: tuple[Array, ...]
+    recording: NDArray[np.int64]
+    first: NDArray[np.int64]
+    start: Array
+    time: Array
+    measured: Array
+    steps: int
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def take(self, index: NDArray[np.int64]) -> "Windows":
+        """Some of the windows."""
+        return Windows(
+            self.step,
+            self.commands,
+            self.recording[index],
+            self.first[index],
+            self.start[index],
+            self.time[index],
+            self.measured[index],
+            self.steps,
+        )
+
+    def initial_states(self) -> tuple[Array, Array]:
+        """Positions and velocities `[W, nv]` at the start, from a quadratic through the first samples."""
+        q, v = np.zeros((2, len(self), self.measured.shape[2]))
+        for w in range(len(self)):
+            t, y = self.time[w] - self.start[w], self.measured[w]
+            for j in range(y.shape[1]):
+                good = np.flatnonzero(np.isfinite(y[:, j]))[:7]
+                v[w, j], q[w, j] = np.polyfit(t[good], y[good, j], 2 if len(good) > 3 else 1)[-2:]
+        return q, v
+
+
+def cut(recordings: Sequence[Recording], step: float, samples: int) -> Windows:
+    """Cut recordings into windows of a number of samples; what is left at the end of a recording is dropped."""
+    commands, rows = [], []
+    for index, recording in enumerate(recordings):
+        t, q = np.asarray(recording.t_state), np.asarray(recording.qpos)
+        origin = t[0]
+        grid = int(np.ceil((t[-1] - origin) / step)) + 2
+        commands.append(average_commands(recording, origin + step * np.arange(grid + 1)))
+        for i in range(0, len(t) - samples + 1, samples):
+            first = int((t[i] - origin) / step + 1e-6)
+            piece = slice(i, i + samples)
+            if (np.isfinite(q[piece]).sum(axis=0) >= max(4, samples // 2)).all():
+                rows.append((index, first, origin + first * step, t[piece], q[piece]))
+    recording, first, start, time, measured = (np.array(column) for column in zip(*rows, strict=True))
+    steps = int(np.ceil((time[:, -1] - start).max() / step)) + 1
+    return Windows(step, tuple(commands), recording, first, start, time, measured, steps)
+
+
+def average_commands(recording: Recording, edges: Array) -> Array:
+    """Commands `[len(edges) - 1, nu]`, held from each to the next as recorded, averaged between the edges."""
+    if recording.action is None or recording.t_action is None or not len(recording.t_action):
+        return np.zeros((len(edges) - 1, len(recording.actuator_names)))
+    t, u = recording.t_action, recording.action
+    held = np.concatenate([np.zeros((1, u.shape[1])), np.cumsum(u[:-1] * np.diff(t)[:, None], axis=0)])
+    k = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 1)
+    integral = held[k] + u[k] * (edges - t[k])[:, None]  # before the first command, the first
+    return np.diff(integral, axis=0) / np.diff(edges)[:, None]
