@@ -177,3 +177,12 @@ class SensorEffect(Effect):
 def smooth_sign(speed: Array) -> Array:
     """Sign of a speed (rad/s or m/s), continuous through zero."""
     return np.tanh(speed / 0.02)
+
+
+def enable_friction(model: mujoco.MjModel) -> None:
+    """Let a model that switches all constraints off, as dm_control's acrobot does, have dry friction at least."""
+    off, flags = mujoco.mjtDisableBit, int(model.opt.disableflags)
+    constraint = int(off.mjDSBL_CONSTRAINT)
+    if flags & constraint:
+        others = int(off.mjDSBL_CONTACT) | int(off.mjDSBL_LIMIT) | int(off.mjDSBL_EQUALITY)
+        model.opt.disableflags = (flags & ~constraint) | others

@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, parameter, smooth_sign
+from keycld_envs.effects.base import Array, JointEffect, enable_friction, parameter, smooth_sign
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,7 @@ class PositionDependentFriction(JointEffect):
 
     def edit(self, model: mujoco.MjModel) -> None:
         """Add the mean to the joint's friction loss."""
+        enable_friction(model)
         model.dof_frictionloss[self.dof(model)] += self.c
 
     def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:

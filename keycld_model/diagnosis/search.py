@@ -12,8 +12,12 @@ from keycld_envs.effects import EFFECTS, Effect, Parameter
 from keycld_model.diagnosis.fit import OUTLIER, Fit, Linearisation, Point, Problem, knobs
 
 Array = NDArray[np.float64]
-REFINED = 5
-"""Sets that are refined after each linear scoring."""
+REFINED = {1: 4, 2: 3, 3: 2}
+"""Sets of one, two and three effects that are refined a little after each linear scoring."""
+GLANCE = 2
+"""Gauss-Newton steps of that."""
+FINALISTS = 2
+"""How many of them are then refined to the end."""
 PARTNERS = 40
 """Pairs that are tried with every third effect."""
 ROUNDS = 4
@@ -94,12 +98,16 @@ class Search:
         best = self._refine(start.with_effects())
         for _ in range(ROUNDS):
             before = best
-            for effects in self._promising(best.fit):
-                best = min(best, self._refine(best.fit.point.with_effects(*effects)), key=_score)
-            best = self._pruned(best)
+            best = self._pruned(min([best, *self._finalists(best)], key=_score))
             if before.score - best.score < 1.0:
                 break
         return best
+
+    def _finalists(self, scored: Scored, largest: int = 3) -> list[Scored]:
+        """The most promising sets with one to three more effects."""
+        sets = self._promising(scored.fit, largest)
+        glances = [self._refine(scored.fit.point.with_effects(*effects), GLANCE) for effects in sets]
+        return [self._refine(s.fit.point) for s in sorted(glances, key=_score)[:FINALISTS]]
 
     def rivals(self, best: Scored, within: float = 4.0) -> dict[tuple[str, str], list[Scored]]:
         """For each effect of the best set, sets with another in its place that explain as much, within some nats."""
@@ -108,8 +116,7 @@ class Search:
             rest = tuple(e for e in best.fit.effects if e is not effect)
             without = self._refine(best.fit.point.with_effects(*rest))
             kept = frozenset((e.id, e.where) for e in rest)
-            for effects in self._promising(without.fit, largest=1):
-                self._refine(without.fit.point.with_effects(*effects))
+            self._finalists(without, largest=1)
             out[effect.id, effect.where] = [
                 s
                 for keys, s in self.found.items()
@@ -117,8 +124,8 @@ class Search:
             ]
         return out
 
-    def _refine(self, point: Point) -> Scored:
-        fit = self.problem.minimise(point)
+    def _refine(self, point: Point, iterations: int = 8) -> Scored:
+        fit = self.problem.minimise(point, iterations)
         scored = Scored(fit, fit.cost + penalty(fit.effects, self.problem.samples))
         if scored.keys not in self.found or scored.score < self.found[scored.keys].score:
             self.found[scored.keys] = scored
@@ -154,8 +161,9 @@ class Search:
             keys = frozenset((e.id, e.where) for e in effects)
             if keys not in ranked or ranked[keys][0] < worth:
                 ranked[keys] = worth, effects
-        best = sorted(ranked.values(), key=lambda item: -item[0])[:REFINED]
-        return ((*fit.effects, *effects) for worth, effects in best if worth > 0)
+        for size, number in REFINED.items():
+            best = sorted((item for item in ranked.values() if len(item[1]) == size), key=lambda item: -item[0])
+            yield from ((*fit.effects, *effects) for worth, effects in best[:number] if worth > 0)
 
 
 @dataclass(frozen=True)

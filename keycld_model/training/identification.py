@@ -50,8 +50,8 @@ def identify(
     A motor acts on few keypoints, as a rule on those beside its joint. If `sparse`, each pair of a motor and a keypoint
     costs as many parameters as describe it by the Bayesian information criterion; otherwise a force of the cart's motor
     on the pole looks like the inertia of the pole, and the place of the pole's mass is free. The count is made smooth
-    as in Frommlet and Nuel, An Adaptive Ridge Procedure for L0 Regularization (2016), for groups. The noise is taken
-    from the fit to start from, which should be a good one.
+    as in Frommlet and Nuel, An Adaptive Ridge Procedure for L0 Regularization (2016), for groups. What
+    a parameter must gain follows from the median deviation at each step.
 
     Args:
         parts: the networks; V and g must have linear terms.
@@ -67,8 +67,7 @@ def identify(
     """
     problem = _Problem(parts, variables, keypoints, actions, slide)
     fit = _Fit(problem.start, variables["trajectories"]["x"], variables["trajectories"]["v"])
-    noise = float(np.median(problem.costs(fit))) / parts.config.mechanism.num_keypoints if sparse else 0.0
-    fit = _minimise(problem, fit, noise, iterations)
+    fit = _minimise(problem, fit, iterations, sparse)
     return {**problem.variables(jnp.asarray(fit.theta, jnp.float32)), "trajectories": {"x": fit.x, "v": fit.v}}
 
 
@@ -80,11 +79,13 @@ class _Fit(NamedTuple):
     v: Array
 
 
-def _minimise(problem: "_Problem", fit: _Fit, noise: float, iterations: int) -> _Fit:
-    """Levenberg-Marquardt on deviations and, if the noise is not zero, the number of influences."""
+def _minimise(problem: "_Problem", fit: _Fit, iterations: int, sparse: bool) -> _Fit:
+    """Levenberg-Marquardt on deviations and, if sparse, the number of influences."""
     caution = 1e-5
     for _ in range(iterations):
-        blocks, ridge = problem.blocks(fit), noise * problem.price(fit.theta)
+        blocks, ridge = problem.blocks(fit), np.zeros_like(fit.theta)
+        if sparse:
+            ridge = problem.price(fit.theta) * np.median(blocks.cost) / problem.mechanism.num_keypoints
         before = blocks.cost.sum() + 0.5 * ridge @ fit.theta**2
         for _ in range(ATTEMPTS):
             shared, own = blocks.step(ridge, ridge * fit.theta, caution)
@@ -200,11 +201,6 @@ class _Problem:
         theta = fit.theta + shared
         cost, x, v = self._try(jnp.asarray(theta, jnp.float32), jnp.asarray(own, jnp.float32), fit.x, fit.v)
         return self._bounded(cost), _Fit(theta, x, v)
-
-    def costs(self, fit: _Fit) -> Vector:
-        """Costs of all sequences, `[N]`."""
-        stay = np.zeros((self.sequences, 2 * self.mechanism.degrees_of_freedom))
-        return self.try_step(fit, np.zeros_like(fit.theta), stay)[0]
 
     def _bounded(self, cost: Array) -> Vector:
         """A trajectory that diverges costs as if all its keypoints were an image unit away."""
