@@ -1,8 +1,8 @@
 """The `keycld` command.
 
 A command is one module of this package, named like the command, with a frozen dataclass `Args`, which becomes its
-command line, and a function `run(args)`. Its module docstring is its line in `keycld --help`. Only the module of the
-command in use is imported.
+command line, and a function `run(args)`, which may return an exit code. Its module docstring is its line in
+`keycld --help`. Only the module of the command in use is imported.
 
 Exit codes: 0, 2 for input that cannot be used (one sentence on stderr), 130 after Ctrl-C.
 """
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = importlib.import_module(f"{__name__}.{name}")
     args = tyro.cli(command.Args, prog=f"keycld {name}", args=words[1:], config=(tyro.conf.FlagCreatePairsOff,))
     try:
-        command.run(args)
+        code = command.run(args)
     except _input_errors() as error:
         print(f"keycld: {error}", file=sys.stderr)
         return 2
@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("keycld: interrupted", file=sys.stderr)
         return 130
-    return 0
+    return code or 0
 
 
 def command_names() -> list[str]:

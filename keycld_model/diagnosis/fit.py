@@ -176,8 +176,11 @@ class Problem:
                 shared[..., i] = np.where(measured, one, 0.0).reshape(len(here), -1)
         return Linearisation(here, states, shared), residuals[2 * nv + 1 + len(columns) :]
 
-    def minimise(self, point: Point, iterations: int = 8, tolerance: float = 0.02) -> "Fit":
-        """Gauss-Newton with caution, initial states eliminated; stops when a step gains less than `tolerance` nats."""
+    def minimise(self, point: Point, iterations: int = 8, tolerance: float = 0.02, only_states: bool = False) -> "Fit":
+        """Gauss-Newton with caution, initial states eliminated; stops when a step gains less than `tolerance` nats.
+
+        With `only_states`, nuisances and effects stay as they are.
+        """
         cost, caution = self.cost(point), 1e-6
         hessian = np.eye(0)
         for _ in range(iterations):
@@ -192,6 +195,8 @@ class Problem:
             hessian[np.arange(n), np.arange(n)] += self.spreads**-2
             gradient[:n] -= point.variant.values / self.spreads**2
             scale = np.diag(hessian) + 1e-9
+            if only_states:
+                gradient, scale = np.zeros_like(gradient), scale + 1e12
             for _ in range(ATTEMPTS):
                 step = np.linalg.lstsq(hessian + np.diag((caution + 1e-9) * scale), gradient, rcond=None)[0]
                 new = self._moved(point, linear, step)

@@ -20,6 +20,9 @@ FINALISTS = 2
 """How many of them are then refined to the end."""
 PARTNERS = 40
 """Pairs that are tried with every third effect."""
+MATERIAL = 0.005
+"""Share of all that a set gains that each of its effects must gain. Named effects are idealised forms, of dry friction
+near standstill above all; what gains less may only mend the form of another."""
 ROUNDS = 4
 """Times that the search starts again from the best set so far."""
 
@@ -92,16 +95,22 @@ class Search:
         self.problem = problem
         self.hypotheses = hypotheses(problem.simulator.model, exclude)
         self.found: dict[frozenset[tuple[str, str]], Scored] = {}
+        self._nothing = np.inf
 
     def run(self, start: Point) -> Scored:
         """The best set of effects; none if nothing is worth its numbers."""
         best = self._refine(start.with_effects())
+        self._nothing = best.score
         for _ in range(ROUNDS):
-            before = best
-            best = self._pruned(min([best, *self._finalists(best)], key=_score))
-            if before.score - best.score < 1.0:
+            better = self._pruned(min([best, *self._finalists(best)], key=_score))
+            if better.score > best.score - self._least(better):
                 break
+            best = better
         return best
+
+    def _least(self, scored: Scored) -> float:
+        """Nats that one more effect must gain."""
+        return max(1.0, MATERIAL * (self._nothing - scored.score))
 
     def _finalists(self, scored: Scored, largest: int = 3) -> list[Scored]:
         """The most promising sets with one to three more effects."""
@@ -138,7 +147,7 @@ class Search:
                 self._refine(best.fit.point.with_effects(*(e for e in best.fit.effects if e is not effect)))
                 for effect in best.fit.effects
             ]
-            if (least := min(fewer, key=_score)).score > best.score:
+            if (least := min(fewer, key=_score)).score > best.score + self._least(best):
                 break
             best = least
         return best

@@ -1,0 +1,56 @@
+"""Find physics that a simulator lacks, from recordings of joints."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from keycld_control.cli._output import print_result, write_result
+
+
+@dataclass(frozen=True)
+class Args:
+    """Find physics that a simulator lacks: where recordings differ from it, and what would mend it.
+
+    The exit code is 0 if nothing is missing, 10 if something is, 11 if these recordings cannot tell.
+
+    Attributes:
+        recordings: Folder of recordings with joint positions.
+        env: Environment to compare with; by default the one that the recordings name.
+        mjcf: MuJoCo XML file to compare with instead.
+        held_out: Folder of recordings to test findings on; by default a third of the recordings is held out.
+        out: Folder for report.json.
+        seed: Has no effect: the diagnosis is a fixed function of recordings and simulator.
+        json: Print the report as one JSON object.
+    """
+
+    recordings: Positional[Path]
+    env: str | None = None
+    mjcf: Path | None = None
+    held_out: Path | None = None
+    out: Path | None = None
+    seed: int = 0
+    json: bool = False
+
+
+def run(args: Args) -> int:
+    """Diagnose, write and print the report."""
+    from keycld_envs.recordings import read_dataset
+    from keycld_model.diagnosis import diagnose
+    from keycld_model.diagnosis.simulator import load_model
+
+    recordings = read_dataset(args.recordings).recordings
+    held_out = read_dataset(args.held_out).recordings if args.held_out else ()
+    report = diagnose(recordings, load_model(args.mjcf, args.env or recordings[0].system), held_out)
+    if args.out is not None:
+        args.out.mkdir(parents=True, exist_ok=True)
+        write_result(report.to_dict(), args.out / "report.json")
+    if args.json:
+        print_result(report.to_dict(), as_json=True)
+    else:
+        print(report.headline)
+        summary = {f.effect: f"{f.where['name']}, confidence {f.confidence:.2f}" for f in report.findings}
+        errors = {"nominal": report.fit.nominal, "refitted": report.fit.refitted, "corrected": report.fit.corrected}
+        units = {f"held-out error {name} ({report.fit.unit})": error for name, error in errors.items()}
+        print_result({"verdict": report.verdict, **summary, **units, "held_out": report.held_out}, as_json=False)
+    return report.exit_code

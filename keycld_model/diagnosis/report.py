@@ -1,0 +1,105 @@
+"""What a diagnosis says, for programs; schema `keycld.diagnosis/1`."""
+
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+Verdict = Literal["no_mismatch", "mismatch", "undetermined"]
+SCHEMA = "keycld.diagnosis/1"
+EXIT_CODES: dict[Verdict, int] = {"no_mismatch": 0, "mismatch": 10, "undetermined": 11}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its 90 % interval."""
+
+    value: float
+    unit: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that the simulator lacks.
+
+    Attributes:
+        effect: id of the taxonomy, or "unknown".
+        family: its family.
+        where: "kind" and "name" of the place.
+        parameters: by name.
+        equation: in joint coordinates.
+        confidence: probability that effect and place are right.
+        rivals: effects that these data do not exclude in its place.
+        when: seconds, None throughout.
+        region: positions and velocities to which it is confined, None if to none.
+    """
+
+    effect: str
+    family: str
+    where: dict[str, str]
+    parameters: dict[str, Estimate]
+    equation: str
+    confidence: float
+    rivals: list[str]
+    when: list[tuple[float, float]] | None = None
+    region: dict[str, tuple[float, float]] | None = None
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """What is left after all findings.
+
+    Attributes:
+        significant: more than noise.
+        fraction: of the misfit of the refitted simulator.
+        where: joint with the largest misfit, None if none is significant.
+        message: one sentence.
+    """
+
+    significant: bool
+    fraction: float
+    where: str | None
+    message: str
+
+
+@dataclass(frozen=True)
+class FitErrors:
+    """Root mean square errors of long rollouts on held-out recordings.
+
+    Attributes:
+        nominal: the simulator as it was.
+        refitted: with masses, lengths and encoder zeros fitted.
+        corrected: with the findings added.
+        ceiling: a flexible black-box residual; None if it was not fitted.
+    """
+
+    metric: str
+    unit: str
+    nominal: float
+    refitted: float
+    corrected: float
+    ceiling: float | None = None
+
+
+@dataclass(frozen=True)
+class Report:
+    """The result of `diagnose`."""
+
+    verdict: Verdict
+    headline: str
+    findings: list[Finding]
+    nuisance: dict[str, Estimate]
+    unexplained: Unexplained
+    fit: FitErrors
+    held_out: list[str]
+    schema: str = SCHEMA
+    details: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        return EXIT_CODES[self.verdict]
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-compatible."""
+        return asdict(self)

@@ -1,0 +1,124 @@
+"""Diagnoses of mechanisms whose missing physics is known."""
+
+import json
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from plants import recordings
+
+from keycld_control.cli import main
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import write_recording
+from keycld_envs.systems import get_system
+from keycld_model.diagnosis import diagnose
+
+ELBOW = np.array([0.0, 1.0])
+MISSING = {
+    "viscous_friction": ("cartpole", {"force": lambda t, q, v, u: -0.05 * v * ELBOW}, "hinge_1", {"b": 0.05}),
+    "coulomb_friction": (
+        "acrobot",
+        {"force": lambda t, q, v, u: -0.05 * np.tanh(v / 0.01) * ELBOW},
+        "elbow",
+        {"c": 0.05},
+    ),
+    "actuator_dead_zone": (
+        "acrobot",
+        {"command": lambda u: np.where(ELBOW > 0, np.sign(u) * np.maximum(0, np.abs(u) - 0.2), u)},
+        "elbow",
+        {"delta": 0.2},
+    ),
+    "cogging": ("pendulum", {"force": lambda t, q, v, u: 0.1 * np.sin(5 * q)}, "hinge", {"a": 0.1, "n": 5.0}),
+}
+
+
+@pytest.mark.parametrize("system", ["pendulum", "cartpole", "acrobot"])
+def test_no_alarm_where_only_masses_and_encoder_zeros_are_off(system):
+    report = diagnose(recordings(system, seed=1), get_system(system).compile())
+    assert (report.verdict, report.findings, report.exit_code) == ("no_mismatch", [], 0)
+    assert not report.unexplained.significant
+    assert report.fit.refitted < 0.5 * report.fit.nominal
+
+
+@pytest.mark.parametrize("effect", MISSING)
+def test_one_effect_is_named_placed_and_measured(effect):
+    system, missing, place, values = MISSING[effect]
+    report = diagnose(recordings(system, seed=2, **missing), get_system(system).compile())
+    assert (report.verdict, report.exit_code) == ("mismatch", 10)
+    (finding,) = report.findings
+    assert (finding.effect, finding.where["name"]) == (effect, place)
+    for name, value in values.items():
+        assert finding.parameters[name].value == pytest.approx(value, rel=0.05)
+    assert report.fit.corrected < 0.5 * report.fit.refitted
+    assert place in report.headline and effect.split("_")[0] in report.headline
+    assert json.loads(json.dumps(report.to_dict()))["schema"] == "keycld.diagnosis/1"
+
+
+def test_two_effects_at_once_and_the_masses_of_an_arm_of_ones_own(tmp_path):
+    """The command line, with an MJCF file of three links, which is no system of ours."""
+    mjcf = tmp_path / "arm.xml"
+    link = (
+        '<body name="{0}" pos="0 0 {1}"><joint name="{0}" axis="0 1 0"/>'
+        '<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03"/>'
+    )
+    mjcf.write_text(
+        "<mujoco><option gravity='0 0 -9.81' timestep='.002'><flag contact='disable'/></option><worldbody>"
+        + link.format("a", 0)
+        + link.format("b", -0.3)
+        + link.format("c", -0.3)
+        + "</body>" * 3
+        + "</worldbody><actuator><motor name='m' joint='b'/></actuator></mujoco>"
+    )
+    model = mujoco.MjModel.from_xml_path(str(mjcf))
+    true, rng = mujoco.MjModel.from_xml_path(str(mjcf)), np.random.default_rng(0)
+    true.body_mass[2] *= 1.1
+    true.body_inertia[2] *= 1.1
+    true.opt.timestep, true.opt.integrator = 0.001, mujoco.mjtIntegrator.mjINT_RK4
+    data = mujoco.MjData(true)
+    mujoco.mj_setConst(true, data)
+    t = 0.01 * np.arange(240)
+    for run in range(8):
+        mujoco.mj_resetData(true, data)
+        data.qpos[:] = rng.uniform(-1, 1, 3)
+        u, q = np.repeat(rng.uniform(-1, 1, (16, 1)), 15, axis=0), np.empty((len(t), 3))
+        for k in range(len(t)):
+            q[k] = data.qpos
+            for _ in range(10):
+                data.ctrl[:] = u[k]
+                data.qfrc_applied[:] = -0.02 * data.qvel[0], 0.0, 0.05
+                mujoco.mj_step(true, data)
+        recording = replace(
+            recordings("pendulum", 0, number=1, seconds=0.5)[0],
+            id=f"{run}",
+            joint_names=("a", "b", "c"),
+            actuator_names=("m",),
+            t_action=t,
+            action=u,
+            t_state=t,
+            qpos=q + rng.normal(0, 5e-4, q.shape),
+        )
+        write_recording(tmp_path / "data" / f"{run}", recording)
+    out = tmp_path / "report"
+    assert main(["diagnose", str(tmp_path / "data"), "--mjcf", str(mjcf), "--out", str(out)]) == 10
+    report = json.loads((out / "report.json").read_text())
+    found = {(f["effect"], f["where"]["name"]) for f in report["findings"]}
+    assert found == {("viscous_friction", "a"), ("constant_force", "c")}
+    assert report["nuisance"]["mass of b"]["value"] == pytest.approx(1.1, abs=0.05)
+    assert model.body_mass[2] == mujoco.MjModel.from_xml_path(str(mjcf)).body_mass[2]
+
+
+def test_recordings_that_cannot_be_used_are_refused():
+    model, good = get_system("pendulum").compile(), recordings("pendulum", 0, number=3, seconds=1.0)
+    rest = [replace(r, qpos=np.zeros_like(np.asarray(r.qpos))) for r in good]
+    times, positions = np.asarray(good[0].t_state), np.asarray(good[0].qpos)
+    for bad, message in (
+        ([], "no recordings"),
+        (rest, "hinge.*moved 0 rad"),
+        ([replace(good[0], joint_names=("knee",))], r"\['knee'\].*\['hinge'\]"),
+        ([replace(good[0], t_state=times[:20], qpos=positions[:20])], "20 samples"),
+    ):
+        with pytest.raises(InputError, match=message):
+            diagnose(bad, model)
+    with pytest.raises(InputError, match="equals the training recording"):
+        diagnose(good[:2], model, held_out=good[1:])
