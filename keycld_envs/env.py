@@ -1,6 +1,6 @@
 """The Gymnasium environment of every system."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, get_args
 
 import gymnasium as gym
@@ -11,6 +11,8 @@ from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from keycld_envs.checks import ObsType, check_action_limit, check_camera, check_choice, check_size, finite_vector
+from keycld_envs.effects import Effect
+from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.errors import InputError
 from keycld_envs.rendering import Quality, Renderer
 from keycld_envs.success import SuccessMonitor
@@ -75,6 +77,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
     - `render_quality`: "fast" (default) or "full", which is bit for bit dm_control's image.
     - `action_limit`: symmetric range of every motor; default as in the table.
     - `start`: "random" or "hanging".
+    - `effects`: physics to add, of `keycld_envs.effects`: friction, springs, lags of motors, and so on.
     - `render_mode`: "rgb_array" or None.
 
     `info` holds "qpos" [nq], "qvel" [nv], "energy" (kinetic and potential, J), and "is_success". `model` and `data` are
@@ -102,6 +105,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         render_quality: Quality = "fast",
         action_limit: float | None = None,
         start: Start | None = None,
+        effects: Sequence[Effect] = (),
         render_mode: str | None = None,
     ) -> None:
         EzPickle.__init__(
@@ -114,6 +118,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
             render_quality=render_quality,
             action_limit=action_limit,
             start=start,
+            effects=effects,
             render_mode=render_mode,
         )
         self._renderers: dict[tuple[int, int], Renderer] = {}
@@ -139,6 +144,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         if limit is not None:
             self.model.actuator_ctrllimited[:] = True
             self.model.actuator_ctrlrange[:] = [-limit, limit]
+        self._effects = AddedPhysics(effects, self.model) if effects else None
         self._posed = mujoco.MjData(self.model)
         self._success = SuccessMonitor(self.system, self.model)
         self._substeps = round(self.system.timestep / self.model.opt.timestep)
@@ -171,6 +177,8 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         self.data.qpos[:], self.data.qvel[:] = qpos, qvel
         mujoco.mj_forward(self.model, self.data)
         self._success.reset()
+        if self._effects:
+            self._effects.reset()
         return self._observation(), self._info()
 
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -185,7 +193,10 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         control = finite_vector("action", action, self.model.nu)
         np.clip(control, self.action_space.low, self.action_space.high, out=self.data.ctrl)
         before = self.data.time
-        for _ in range(self._substeps):
+        commands = self._effects.commands(self.data, self._substeps) if self._effects else None
+        for substep in range(self._substeps):
+            if self._effects and commands is not None:
+                self._effects.push(self.data, commands[substep])
             _physics_step(self.model, self.data)
         if self.data.time <= before:  # MuJoCo resets a diverging simulation
             raise InputError("The simulation diverged; use smaller actions, velocities, or time steps.")

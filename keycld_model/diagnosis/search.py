@@ -79,6 +79,11 @@ class Scored:
     score: float
 
     @property
+    def numbers(self) -> int:
+        """How many the effects have."""
+        return len(knobs(self.fit.effects))
+
+    @property
     def keys(self) -> frozenset[tuple[str, str]]:
         """What and where."""
         return frozenset((e.id, e.where) for e in self.fit.effects)
@@ -102,11 +107,18 @@ class Search:
         best = self._refine(start.with_effects())
         self._nothing = best.score
         for _ in range(ROUNDS):
-            better = self._pruned(min([best, *self._finalists(best)], key=_score))
+            better = self._simplified(self._pruned(min([best, *self._finalists(best)], key=_score)))
             if better.score > best.score - self._least(better):
                 break
             best = better
         return best
+
+    def _simplified(self, best: Scored) -> Scored:
+        """With fewer numbers, if any set found on the way explains materially as much."""
+        least = self._least(best)
+        fewer = [s for s in self.found.values() if s.numbers < best.numbers and s.score < best.score + 10 * least]
+        refined = [self._refine(s.fit.point) for s in sorted(fewer, key=_score)[:FINALISTS]]
+        return min([best, *(s for s in refined if s.score < best.score + least)], key=lambda s: (s.numbers, s.score))
 
     def _least(self, scored: Scored) -> float:
         """Nats that one more effect must gain."""

@@ -41,7 +41,7 @@ def recordings(
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_RK4
-    zero, t = rng.normal(0, 0.01, model.nv), SAMPLE * np.arange(round(seconds / SAMPLE))
+    zero, t = rng.normal(0, 0.01, model.nv), np.arange(round(seconds / SAMPLE), dtype=np.float64) * SAMPLE
     out = []
     for run in range(number):
         strength = (0.0, 0.5, 1.0)[run % 3]

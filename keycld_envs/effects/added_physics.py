@@ -1,0 +1,55 @@
+"""Effects in a simulation that goes step by step."""
+
+from collections import deque
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from keycld_envs.effects.base import Array, Effect
+from keycld_envs.errors import InputError
+
+MEMORY = 500
+"""Control steps that lags and delays remember."""
+
+
+class AddedPhysics:
+    """Effects, in a model that they change, with the commands of the past.
+
+    Raises:
+        InputError: if an effect is in the measurement, or at a place that the model does not have.
+    """
+
+    def __init__(self, effects: Sequence[Effect], model: mujoco.MjModel) -> None:
+        self.effects, self.model = tuple(effects), model
+        self._past: deque[Array] = deque(maxlen=MEMORY)
+        for effect in self.effects:
+            if not isinstance(effect, Effect):
+                raise InputError(f"effects has {effect!r}; it must hold effects of keycld_envs.effects.")
+            if effect.observes:
+                raise InputError(f"{effect.id} is in the measurement; an environment has only effects in the motion.")
+            known = {c.where for c in effect.candidates(model)}
+            if effect.where not in known:
+                raise InputError(f"{effect.id} is at {effect.where!r}; the model has {sorted(known)}.")
+            effect.edit(model)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def reset(self) -> None:
+        """Forget the past, in which no command was given."""
+        self._past.clear()
+        self._past.append(np.zeros(self.model.nu))
+
+    def commands(self, data: mujoco.MjData, substeps: int) -> Array:
+        """What motors get in each of the next steps `[substeps, nu]`, given the controls now set."""
+        self._past.append(data.ctrl.copy())
+        u = np.repeat(np.array(self._past), substeps, axis=0)
+        for effect in self.effects:
+            u = effect.command(self.model, u, self.model.opt.timestep)
+        return u[-substeps:]
+
+    def push(self, data: mujoco.MjData, command: Array) -> None:
+        """Set controls and forces for the next step."""
+        data.ctrl[:] = command
+        time, q, v = np.array(data.time), data.qpos.copy(), data.qvel.copy()
+        forces = (effect.force(self.model, time, q, v, command) for effect in self.effects)
+        data.qfrc_applied[:] = sum(forces, np.zeros(self.model.nv))
