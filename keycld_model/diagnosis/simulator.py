@@ -55,18 +55,21 @@ class Variant:
 
 
 class Simulator:
-    """Rollouts of a MuJoCo model of hinges and slides, with a Runge-Kutta step of `step` seconds.
+    """Rollouts of a MuJoCo model of hinges and slides.
 
     Attributes:
         model: as it is believed to be.
+        step: seconds.
         nuisances: what may be refitted.
     """
 
-    def __init__(self, model: mujoco.MjModel, step: float, threads: int = 2) -> None:
+    def __init__(self, model: mujoco.MjModel, step: float | None = None, threads: int = 2) -> None:
+        """With Runge-Kutta steps of `step` seconds, or with the model's own integrator and time step."""
         self.model = copy.copy(model)
-        self.model.opt.timestep, self.model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
+        if step is not None:
+            self.model.opt.timestep, self.model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
         self.model.opt.enableflags = 0
-        self.step = step
+        self.step = float(self.model.opt.timestep)
         self.nuisances: tuple[Nuisance, ...] = nuisance.nuisances(model)
         self._data = [mujoco.MjData(self.model) for _ in range(threads)]
         self._pool = rollout.Rollout(nthread=threads)

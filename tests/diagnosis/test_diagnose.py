@@ -9,6 +9,8 @@ import pytest
 from plants import recordings
 
 from keycld_control.cli import main
+from keycld_envs import KeyCLDEnv
+from keycld_envs.effects import ViscousFriction
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import write_recording
 from keycld_envs.systems import get_system
@@ -39,6 +41,30 @@ def test_no_alarm_where_only_masses_and_encoder_zeros_are_off(system):
     assert (report.verdict, report.findings, report.exit_code) == ("no_mismatch", [], 0)
     assert not report.unexplained.significant
     assert report.fit.refitted < 0.5 * report.fit.nominal
+
+
+@pytest.mark.parametrize("effects, verdict", [((), "no_mismatch"), ((ViscousFriction("hinge", b=0.1),), "mismatch")])
+def test_a_simulation_is_compared_with_itself_integrator_and_all(effects, verdict):
+    """The pendulum's Euler steps of 0.02 s are far from the truth, but they are what both do."""
+    env, rng, runs = KeyCLDEnv("pendulum", obs_type="state", effects=effects), np.random.default_rng(0), []
+    for run in range(6):
+        env.reset(seed=run)
+        u, t = np.repeat(rng.uniform(-1, 1, (12, 1)), 15, axis=0), 0.02 * np.arange(180)
+        q = np.array([env.step(a)[4]["qpos"] for a in u])
+        runs.append(
+            replace(
+                recordings("pendulum", 0, number=1, seconds=0.5)[0],
+                id=f"{run}",
+                t_action=t - 0.02,
+                action=u,
+                t_state=t,
+                qpos=q + rng.normal(0, 1e-3, q.shape),
+            )
+        )
+    report = diagnose(runs, KeyCLDEnv("pendulum", obs_type="state").model)
+    assert report.verdict == verdict
+    assert [f.effect for f in report.findings] == [e.id for e in effects]
+    assert report.details["integrator"] == "mjINT_EULER"
 
 
 @pytest.mark.parametrize("effect", MISSING)
