@@ -23,6 +23,8 @@ PARTNERS = 40
 MATERIAL = 0.005
 """Share of all that a set gains that each of its effects must gain. Named effects are idealised forms, of dry friction
 near standstill above all; what gains less may only mend the form of another."""
+LARGEST = 4
+"""Effects at once; where more seem to be needed, the true one is not among them."""
 ROUNDS = 4
 """Times that the search starts again from the best set so far."""
 
@@ -121,12 +123,12 @@ class Search:
         return min([best, *(s for s in refined if s.score < best.score + least)], key=lambda s: (s.numbers, s.score))
 
     def _least(self, scored: Scored) -> float:
-        """Nats that one more effect must gain."""
-        return max(1.0, MATERIAL * (self._nothing - scored.score))
+        """Nats that one more effect must gain; more where what is left is not noise, and nats are worth less."""
+        return max(1.0, MATERIAL * (self._nothing - scored.score)) * max(1.0, scored.fit.chi_square)
 
     def _finalists(self, scored: Scored, largest: int = 3) -> list[Scored]:
         """The most promising sets with one to three more effects."""
-        sets = self._promising(scored.fit, largest)
+        sets = self._promising(scored.fit, min(largest, LARGEST - len(scored.keys)))
         glances = [self._refine(scored.fit.point.with_effects(*effects), GLANCE) for effects in sets]
         return [self._refine(s.fit.point) for s in sorted(glances, key=_score)[:FINALISTS]]
 
@@ -166,6 +168,8 @@ class Search:
 
     def _promising(self, fit: Fit, largest: int = 3) -> Iterator[tuple[Effect, ...]]:
         """Sets that promise most at a fit's linearisation: its own effects, and up to three more."""
+        if largest < 1:
+            return
         used = {(e.id, e.where) for e in fit.effects}
         free = [h for h in self.hypotheses if h.key not in used]
         probes = [(i, j, probe) for i, h in enumerate(free) for j, probe in enumerate(h.probes())]
