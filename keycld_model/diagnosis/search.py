@@ -123,8 +123,8 @@ class Search:
         return min([best, *(s for s in refined if s.score < best.score + least)], key=lambda s: (s.numbers, s.score))
 
     def _least(self, scored: Scored) -> float:
-        """Nats that one more effect must gain; more where what is left is not noise, and nats are worth less."""
-        return max(1.0, MATERIAL * (self._nothing - scored.score)) * max(1.0, scored.fit.chi_square)
+        """Nats that one more effect must gain."""
+        return max(1.0, MATERIAL * (self._nothing - scored.score))
 
     def _finalists(self, scored: Scored, largest: int = 3) -> list[Scored]:
         """The most promising sets with one to three more effects."""
