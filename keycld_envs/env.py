@@ -193,10 +193,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         control = finite_vector("action", action, self.model.nu)
         np.clip(control, self.action_space.low, self.action_space.high, out=self.data.ctrl)
         before = self.data.time
-        commands = self._effects.commands(self.data, self._substeps) if self._effects else None
-        for substep in range(self._substeps):
-            if self._effects and commands is not None:
-                self._effects.push(self.data, commands[substep])
+        for _ in self._effects.steps(self.data, self._substeps) if self._effects else range(self._substeps):
             _physics_step(self.model, self.data)
         if self.data.time <= before:  # MuJoCo resets a diverging simulation
             raise InputError("The simulation diverged; use smaller actions, velocities, or time steps.")

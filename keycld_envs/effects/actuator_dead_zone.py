@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import mujoco
 import numpy as np
 
 from keycld_envs.effects.base import ActuatorEffect, Array, parameter
@@ -18,9 +17,6 @@ class ActuatorDeadZone(ActuatorEffect):
 
     delta: float = parameter("command", 0.02, low=0.0)
 
-    def command(self, model: mujoco.MjModel, u: Array, h: float) -> Array:
+    def motor(self, u: Array, h: float) -> Array:
         """Cut out the middle."""
-        out = u.copy()
-        i = self.index(model)
-        out[:, i] = np.sign(u[:, i]) * np.maximum(0.0, np.abs(u[:, i]) - self.delta)
-        return out
+        return np.sign(u) * np.maximum(0.0, np.abs(u) - self.delta)

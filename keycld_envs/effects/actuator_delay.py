@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import mujoco
 import numpy as np
 
 from keycld_envs.effects.base import ActuatorEffect, Array, parameter
@@ -18,10 +17,8 @@ class ActuatorDelay(ActuatorEffect):
 
     d: float = parameter("s", 0.01, low=0.0)
 
-    def command(self, model: mujoco.MjModel, u: Array, h: float) -> Array:
+    def motor(self, u: Array, h: float) -> Array:
         """Shift, by fractions of a step as well."""
-        i, out = self.index(model), u.copy()
         whole, part = divmod(self.d / h, 1.0)
-        late = np.concatenate([np.full(int(whole) + 1, u[0, i]), u[:, i]])
-        out[:, i] = (1 - part) * late[1 : len(u) + 1] + part * late[: len(u)]
-        return out
+        late = np.concatenate([np.full(int(whole) + 1, u[0]), u])
+        return (1 - part) * late[1 : len(u) + 1] + part * late[: len(u)]

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import mujoco
-
 from keycld_envs.effects.base import ActuatorEffect, Array, parameter
 
 
@@ -17,8 +15,6 @@ class ActuatorGain(ActuatorEffect):
 
     k: float = parameter("1", 0.02, low=0.0, absent=1.0)
 
-    def command(self, model: mujoco.MjModel, u: Array, h: float) -> Array:
+    def motor(self, u: Array, h: float) -> Array:
         """Scale."""
-        out = u.copy()
-        out[:, self.index(model)] *= self.k
-        return out
+        return self.k * u

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import mujoco
 import numpy as np
 from scipy.signal import lfilter
 
@@ -19,13 +18,11 @@ class ActuatorLag(ActuatorEffect):
 
     lag: float = parameter("s", 0.01, low=0.0)
 
-    def command(self, model: mujoco.MjModel, u: Array, h: float) -> Array:
+    def motor(self, u: Array, h: float) -> Array:
         """Filter; exact for a command that is constant over a step, averaged over the step."""
         if self.lag <= 0:
             return u
-        i, out = self.index(model), u.copy()
         keep = np.exp(-h / self.lag)
-        after = lfilter([1 - keep], [1, -keep], u[:, i], zi=[keep * u[0, i]])[0]  # at the ends of the steps
-        before = np.concatenate([u[:1, i], after[:-1]])
-        out[:, i] = u[:, i] + (before - u[:, i]) * self.lag / h * (1 - keep)
-        return out
+        after = lfilter([1 - keep], [1, -keep], u, zi=[keep * u[0]])[0]  # at the ends of the steps
+        before = np.concatenate([u[:1], after[:-1]])
+        return u + (before - u) * self.lag / h * (1 - keep)

@@ -1,7 +1,7 @@
 """Effects in a simulation that goes step by step."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import mujoco
 import numpy as np
@@ -39,17 +39,15 @@ class AddedPhysics:
         self._past.clear()
         self._past.append(np.zeros(self.model.nu))
 
-    def commands(self, data: mujoco.MjData, substeps: int) -> Array:
-        """What motors get in each of the next steps `[substeps, nu]`, given the controls now set."""
+    def steps(self, data: mujoco.MjData, number: int) -> Iterator[int]:
+        """Before each of the next steps, set what motors get for the controls now set, and the forces."""
         self._past.append(data.ctrl.copy())
-        u = np.repeat(np.array(self._past), substeps, axis=0)
+        u = np.repeat(np.array(self._past), number, axis=0)
         for effect in self.effects:
             u = effect.command(self.model, u, self.model.opt.timestep)
-        return u[-substeps:]
-
-    def push(self, data: mujoco.MjData, command: Array) -> None:
-        """Set controls and forces for the next step."""
-        data.ctrl[:] = command
-        time, q, v = np.array(data.time), data.qpos.copy(), data.qvel.copy()
-        forces = (effect.force(self.model, time, q, v, command) for effect in self.effects)
-        data.qfrc_applied[:] = sum(forces, np.zeros(self.model.nv))
+        for step in range(number):
+            data.ctrl[:] = command = u[step - number]
+            time, q, v = np.array(data.time), data.qpos.copy(), data.qvel.copy()
+            forces = (effect.force(self.model, time, q, v, command) for effect in self.effects)
+            data.qfrc_applied[:] = sum(forces, np.zeros(self.model.nv))
+            yield step

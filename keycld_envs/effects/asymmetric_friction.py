@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, enable_friction, parameter, smooth_sign
+from keycld_envs.effects.base import Array, JointEffect, add_friction, parameter, smooth_sign
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,8 @@ class AsymmetricFriction(JointEffect):
 
     def edit(self, model: mujoco.MjModel) -> None:
         """Add the mean to the joint's friction loss."""
-        enable_friction(model)
-        model.dof_frictionloss[self.dof(model)] += (self.forward + self.backward) / 2
+        add_friction(model, self.dof(model), (self.forward + self.backward) / 2)
 
-    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
         """Half the difference, while the joint moves."""
-        moving = np.abs(smooth_sign(v[..., self.dof(model)]))
-        return self.at_joint(model, v, -(self.forward - self.backward) / 2 * moving)
+        return -(self.forward - self.backward) / 2 * np.abs(smooth_sign(v))

@@ -83,9 +83,9 @@ class Effect(ABC):
         return f"{self.id} at {self.where}: {self.equation} ({numbers})"
 
     @property
-    def is_edit(self) -> bool:
-        """MuJoCo itself has this effect: `edit` says all."""
-        return type(self).force is Effect.force and type(self).command is Effect.command and not self.observes
+    def forces(self) -> bool:
+        """The effect adds a force."""
+        return type(self).force is not Effect.force
 
     @property
     def observes(self) -> bool:
@@ -123,10 +123,19 @@ class JointEffect(Effect):
         """Index among the velocities."""
         return int(model.jnt_dofadr[model.joint(self.where).id])
 
-    def at_joint(self, model: mujoco.MjModel, like: Array, force: Array) -> Array:
-        """Generalised force `[..., nv]` that is `force` at this joint."""
-        out = np.zeros_like(like)
-        out[..., self.dof(model)] = force
+    @property
+    def forces(self) -> bool:
+        """The effect adds a torque."""
+        return type(self).torque is not JointEffect.torque
+
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
+        """N m or N at times, for positions and velocities of this joint, all `[...]`."""
+        return np.zeros_like(v)
+
+    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """The torque, at this joint."""
+        dof, out = self.dof(model), np.zeros_like(v)
+        out[..., dof] = self.torque(t, q[..., dof], v[..., dof])
         return out
 
 
@@ -142,9 +151,15 @@ class ActuatorEffect(Effect):
         """Every actuator."""
         return tuple(cls(model.actuator(i).name) for i in range(model.nu))
 
-    def index(self, model: mujoco.MjModel) -> int:
-        """Index among the commands."""
-        return int(model.actuator(self.where).id)
+    def motor(self, u: Array, h: float) -> Array:
+        """What the motor gets for its commands `[T]`; see `command`."""
+        return u
+
+    def command(self, model: mujoco.MjModel, u: Array, h: float) -> Array:
+        """The same for all motors: the others get what they are told."""
+        i, out = int(model.actuator(self.where).id), u.copy()
+        out[:, i] = self.motor(u[:, i], h)
+        return out
 
 
 @dataclass(frozen=True)
@@ -179,8 +194,9 @@ def smooth_sign(speed: Array) -> Array:
     return np.tanh(speed / 0.02)
 
 
-def enable_friction(model: mujoco.MjModel) -> None:
-    """Let a model that switches all constraints off, as dm_control's acrobot does, have dry friction at least."""
+def add_friction(model: mujoco.MjModel, dof: int, loss: float) -> None:
+    """Add dry friction (N m or N), also to a model that switches all constraints off, as dm_control's acrobot does."""
+    model.dof_frictionloss[dof] += loss
     off, flags = mujoco.mjtDisableBit, int(model.opt.disableflags)
     constraint = int(off.mjDSBL_CONSTRAINT)
     if flags & constraint:

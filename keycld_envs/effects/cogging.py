@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import mujoco
 import numpy as np
 
 from keycld_envs.effects.base import Array, JointEffect, parameter
@@ -21,7 +20,6 @@ class Cogging(JointEffect):
     b: float = parameter("N m", 0.02)
     n: float = parameter("1", 0.05, low=2.0, high=40.0, grid=(2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0))
 
-    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
         """A ripple."""
-        angle = self.n * q[..., self.dof(model)]
-        return self.at_joint(model, v, self.a * np.sin(angle) + self.b * np.cos(angle))
+        return self.a * np.sin(self.n * q) + self.b * np.cos(self.n * q)

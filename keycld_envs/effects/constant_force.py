@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import mujoco
 import numpy as np
 
 from keycld_envs.effects.base import Array, JointEffect, parameter
@@ -19,6 +18,6 @@ class ConstantForce(JointEffect):
 
     f: float = parameter("N m", 0.02)
 
-    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
         """The same always."""
-        return self.at_joint(model, v, np.full(v.shape[:-1], self.f))
+        return np.full_like(v, self.f)

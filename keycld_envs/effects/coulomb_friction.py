@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import mujoco
 
-from keycld_envs.effects.base import JointEffect, enable_friction, parameter
+from keycld_envs.effects.base import JointEffect, add_friction, parameter
 
 
 @dataclass(frozen=True)
@@ -20,5 +20,4 @@ class CoulombFriction(JointEffect):
 
     def edit(self, model: mujoco.MjModel) -> None:
         """Add to the joint's friction loss."""
-        enable_friction(model)
-        model.dof_frictionloss[self.dof(model)] += self.c
+        add_friction(model, self.dof(model), self.c)

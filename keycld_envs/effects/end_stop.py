@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import mujoco
 import numpy as np
 
 from keycld_envs.effects.base import Array, JointEffect, parameter
@@ -21,7 +20,6 @@ class EndStop(JointEffect):
     at: float = parameter("rad", 0.02, grid=(-2.0, -1.0, -0.5, 0.5, 1.0, 2.0))
     side: float = 1.0
 
-    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
         """A spring while pressed."""
-        depth = np.maximum(0.0, self.side * (q[..., self.dof(model)] - self.at))
-        return self.at_joint(model, v, -self.k * depth * self.side)
+        return -self.k * np.maximum(0.0, self.side * (q - self.at)) * self.side

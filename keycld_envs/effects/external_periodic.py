@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import mujoco
 import numpy as np
 
 from keycld_envs.effects.base import Array, JointEffect, parameter
@@ -21,6 +20,6 @@ class ExternalPeriodic(JointEffect):
     b: float = parameter("N m", 0.02)
     w: float = parameter("rad/s", 0.05, low=0.5, grid=(2.0, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0))
 
-    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
         """A sinusoid."""
-        return self.at_joint(model, v, self.a * np.sin(self.w * t) + self.b * np.cos(self.w * t))
+        return self.a * np.sin(self.w * t) + self.b * np.cos(self.w * t)

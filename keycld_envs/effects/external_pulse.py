@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import mujoco
 import numpy as np
 
 from keycld_envs.effects.base import Array, JointEffect, parameter
@@ -21,7 +20,7 @@ class ExternalPulse(JointEffect):
     start: float = parameter("s", 0.02, grid=(0.0,))
     duration: float = parameter("s", 0.02, low=0.02, grid=(0.2,))
 
-    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
         """On and off."""
         on = (t >= self.start) & (t < self.start + self.duration)
-        return self.at_joint(model, v, self.f * on.astype(np.float64))
+        return self.f * on.astype(np.float64)

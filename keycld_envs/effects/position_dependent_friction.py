@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, enable_friction, parameter, smooth_sign
+from keycld_envs.effects.base import Array, JointEffect, add_friction, parameter, smooth_sign
 
 
 @dataclass(frozen=True)
@@ -23,11 +23,8 @@ class PositionDependentFriction(JointEffect):
 
     def edit(self, model: mujoco.MjModel) -> None:
         """Add the mean to the joint's friction loss."""
-        enable_friction(model)
-        model.dof_frictionloss[self.dof(model)] += self.c
+        add_friction(model, self.dof(model), self.c)
 
-    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
         """The part that varies."""
-        dof = self.dof(model)
-        varying = self.a * np.sin(q[..., dof]) + self.b * np.cos(q[..., dof])
-        return self.at_joint(model, v, -varying * smooth_sign(v[..., dof]))
+        return -(self.a * np.sin(q) + self.b * np.cos(q)) * smooth_sign(v)

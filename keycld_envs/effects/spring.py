@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import mujoco
-
 from keycld_envs.effects.base import Array, JointEffect, parameter
 
 
@@ -24,6 +22,6 @@ class Spring(JointEffect):
         """Where it rests, rad."""
         return self.f / self.k if self.k else 0.0
 
-    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
         """Hooke's law."""
-        return self.at_joint(model, v, self.f - self.k * q[..., self.dof(model)])
+        return self.f - self.k * q

@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, enable_friction, parameter, smooth_sign
+from keycld_envs.effects.base import Array, JointEffect, add_friction, parameter, smooth_sign
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,8 @@ class StribeckFriction(JointEffect):
 
     def edit(self, model: mujoco.MjModel) -> None:
         """Add the sliding part to the joint's friction loss."""
-        enable_friction(model)
-        model.dof_frictionloss[self.dof(model)] += self.c
+        add_friction(model, self.dof(model), self.c)
 
-    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
         """The part that fades with speed."""
-        speed = v[..., self.dof(model)]
-        return self.at_joint(model, v, -self.extra * np.exp(-((speed / self.vs) ** 2)) * smooth_sign(speed))
+        return -self.extra * np.exp(-((v / self.vs) ** 2)) * smooth_sign(v)

@@ -124,16 +124,14 @@ class Simulator:
         nu = self.model.nu
         control = np.zeros((p, w, s, nu + nv))
         control[..., :nu] = commands
-        forced = [i for i, variant in enumerate(which) if any(_has_force(e) for e in variants[variant].effects)]
-        if not forced:
-            out = self._run(batch, state, control.reshape(p * w, s, -1))
-            path[:, :, 1:] = out.reshape(p, w, s, -1)[..., 1 : 1 + 2 * nv]
-            return path[..., :nv], path[..., nv:]
+        forced = [i for i, variant in enumerate(which) if any(e.forces for e in variants[variant].effects)]
         free = [i for i in range(p) if i not in set(forced)]
         if free:
-            path[free] = np.concatenate(
-                self._roll([variants[which[i]] for i in free], np.arange(len(free)), windows, q[free], v[free]), axis=-1
-            )
+            rows = np.concatenate([np.arange(i * w, (i + 1) * w) for i in free])
+            out = self._run([batch[i] for i in rows], state[rows], control[free].reshape(len(rows), s, -1))
+            path[free, :, 1:] = out.reshape(len(free), w, s, -1)[..., 1 : 1 + 2 * nv]
+        if not forced:
+            return path[..., :nv], path[..., nv:]
         rows = np.concatenate([np.arange(i * w, (i + 1) * w) for i in forced])
         batch, state = [batch[i] for i in rows], state[rows]
         speed = np.zeros((len(forced), w, nv))
@@ -146,7 +144,7 @@ class Simulator:
             time = windows.start + (k + 0.5) * self.step
             for i, row in enumerate(forced):
                 for effect in variants[which[row]].effects:
-                    if _has_force(effect):
+                    if effect.forces:
                         control[row, :, k, nu:] += effect.force(
                             self.model, time, middle[0][i], middle[1][i], control[row, :, k, :nu]
                         )
@@ -169,10 +167,6 @@ class Simulator:
             piece = filtered[r][k : k + windows.steps]
             out[w, : len(piece)], out[w, len(piece) :] = piece, piece[-1:]
         return out
-
-
-def _has_force(effect: Effect) -> bool:
-    return type(effect).force is not Effect.force
 
 
 def _hermite(q: Array, v: Array, time: Array, step: float) -> Array:
