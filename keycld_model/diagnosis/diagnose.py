@@ -1,6 +1,6 @@
 """The whole diagnosis: refit, search, test on held-out recordings, report."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import mujoco
@@ -26,7 +26,7 @@ WINDOWS = 80
 HORIZON = 4
 """Windows that a long rollout is as long as."""
 FASTEST = 0.009
-"""Seconds between samples, at least; of faster recordings every so manieth sample is used."""
+"""Seconds between samples, at least; of faster recordings only some samples are used."""
 CLEAR, DOUBTFUL = 10.0, 3.0
 """Nats that findings must gain, with their numbers paid for, to be certain, and to be mentioned."""
 EXPLAINED = 1.3
@@ -74,10 +74,11 @@ def diagnose(
         advance(1, "rivals")
         rivals = search.rivals(best)
         advance(1, "testing on held-out recordings")
-        trial = _Trial(Problem(simulator, cut(test, step, SAMPLES), sigma))
+        trial = Problem(simulator, cut(test, step, SAMPLES), sigma)
+        tried, tried_best = (_try(trial, f) for f in (refitted, best.fit))
         long = Problem(simulator, cut(test, step, SAMPLES * _horizon(test)), sigma)
         gain = refitted.cost - best.score
-        nats = trial.cost(refitted) - trial.cost(best.fit)
+        nats = _likelihood(tried_best) - _likelihood(tried)
         verdict: Verdict = "no_mismatch"
         if best.fit.effects and gain > DOUBTFUL:
             verdict = "mismatch" if gain > CLEAR and nats > 0 else "undetermined"
@@ -89,7 +90,7 @@ def diagnose(
             *(round(1e3 * _rollout_error(long, f), 4) for f in (nominal, refitted, chosen)),
         )
         advance(1)
-    unexplained = _unexplained(trial, refitted, chosen, model)
+    unexplained = _unexplained(tried, tried if verdict == "no_mismatch" else tried_best, model)
     findings = [] if verdict == "no_mismatch" else _findings(best, rivals, search)
     return Report(
         verdict=verdict,
@@ -159,27 +160,24 @@ def _horizon(recordings: Sequence[Recording]) -> int:
     return max(1, min(HORIZON, min(len(np.asarray(r.t_state)) for r in recordings) // SAMPLES))
 
 
-class _Trial:
-    """Held-out recordings; only their initial states are fitted."""
+def _try(problem: Problem, fit: Fit, iterations: int = 8) -> Fit:
+    """The numbers of a fit on other recordings; only initial states are fitted."""
+    start = Point(fit.point.variant, *problem.windows.initial_states())
+    return problem.minimise(start, iterations, only_states=True)
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        self._start = problem.windows.initial_states()
 
-    def fit(self, fit: Fit) -> Fit:
-        """With the numbers of a fit to training recordings."""
-        return self.problem.minimise(Point(fit.point.variant, *self._start), only_states=True)
+def _likelihood(fit: Fit) -> float:
+    """Nats, without the prior."""
+    return 0.5 * float(np.sum((fit.point.variant.values / fit.problem.spreads) ** 2)) - fit.cost
 
-    def cost(self, fit: Fit) -> float:
-        """Nats, without the prior."""
-        fitted = self.fit(fit)
-        return fitted.cost - 0.5 * float(np.sum((fitted.point.variant.values / self.problem.spreads) ** 2))
+
+def _residual(fit: Fit) -> NDArray[np.float64]:
+    """Whitened, `[W, n, nv]`."""
+    return fit.problem.residual(fit.point).reshape(fit.problem.windows.measured.shape)
 
 
 def _rollout_error(problem: Problem, fit: Fit) -> float:
-    fitted = problem.minimise(Point(fit.point.variant, *problem.windows.initial_states()), 12, only_states=True)
-    whitened = problem.residual(fitted.point).reshape(problem.windows.measured.shape)
-    return float(np.sqrt(np.mean((whitened * problem.noise) ** 2)))
+    return float(np.sqrt(np.mean((_residual(_try(problem, fit, 12)) * problem.noise) ** 2)))
 
 
 def _findings(best: Scored, rivals: dict[tuple[str, str], list[Scored]], search: Search) -> list[Finding]:
@@ -204,10 +202,10 @@ def _findings(best: Scored, rivals: dict[tuple[str, str], list[Scored]], search:
     return findings
 
 
-def _estimates(effect: Effect, deviations: "NDArray[np.float64] | object") -> dict[str, Estimate]:
+def _estimates(effect: Effect, deviations: Iterator[float]) -> dict[str, Estimate]:
     out = {}
     for knob in knobs([effect]):
-        value, deviation = getattr(effect, knob.parameter.name), 1.645 * next(deviations)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        value, deviation = getattr(effect, knob.parameter.name), 1.645 * next(deviations)
         low, high = max(value - deviation, knob.parameter.low), min(value + deviation, knob.parameter.high)
         out[knob.parameter.name] = Estimate(value, knob.parameter.unit, low, high)
     return out
@@ -226,8 +224,9 @@ def _nuisance(fit: Fit) -> dict[str, Estimate]:
     return out
 
 
-def _unexplained(trial: _Trial, refitted: Fit, chosen: Fit, model: mujoco.MjModel) -> Unexplained:
-    before, after = (_mean_square(trial, fit) for fit in (refitted, chosen))
+def _unexplained(refitted: Fit, chosen: Fit, model: mujoco.MjModel) -> Unexplained:
+    """From fits to held-out recordings."""
+    before, after = (_mean_square(fit) for fit in (refitted, chosen))
     worst = int(after.argmax())
     significant = bool(after.max() > EXPLAINED)
     excess = max(float(before.max()) - 1, 1e-9)
@@ -242,11 +241,9 @@ def _unexplained(trial: _Trial, refitted: Fit, chosen: Fit, model: mujoco.MjMode
     return Unexplained(significant, round(fraction, 4), joint if significant else None, message)
 
 
-def _mean_square(trial: _Trial, fit: Fit) -> NDArray[np.float64]:
-    """Of whitened residuals on held-out recordings, per joint, `[nv]`, per degree of freedom."""
-    problem = trial.problem
-    whitened = problem.residual(trial.fit(fit).point).reshape(problem.windows.measured.shape)
-    return np.mean(whitened**2, axis=(0, 1)) / (1 - 2 / problem.windows.measured.shape[1])
+def _mean_square(fit: Fit) -> NDArray[np.float64]:
+    """Of whitened residuals, per joint, `[nv]`, per degree of freedom."""
+    return np.mean(_residual(fit) ** 2, axis=(0, 1)) / (1 - 2 / fit.problem.windows.measured.shape[1])
 
 
 def _headline(verdict: Verdict, findings: list[Finding], errors: FitErrors, left: Unexplained) -> str:

@@ -39,10 +39,6 @@ class Point:
         """With these effects instead."""
         return replace(self, variant=replace(self.variant, effects=effects))
 
-    def take(self, index: NDArray[np.int64]) -> "Point":
-        """For some of the windows."""
-        return replace(self, q=self.q[index], v=self.v[index])
-
 
 @dataclass(frozen=True)
 class Knob:
@@ -82,6 +78,15 @@ class Linearisation:
         """`[W, r, 2nv]` orthonormal: what initial states can explain."""
         return np.linalg.qr(self.states)[0]
 
+    def outlier_weights(self) -> Array:
+        """`[W, r]`, less than one where the cost grows linearly."""
+        return np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(self.residual), 1e-9)))
+
+    def weighted(self, weights: Array) -> "Linearisation":
+        """With rows weighted, `[W, r]`."""
+        column = weights[..., None]
+        return Linearisation(self.residual * weights, self.states * column, self.shared * column)
+
     def project(self, columns: Array) -> Array:
         """What initial states cannot explain of columns `[W, r, k]`."""
         return columns - self.basis @ (np.swapaxes(self.basis, 1, 2) @ columns)
@@ -104,10 +109,6 @@ class Problem:
     def start(self) -> Point:
         """As believed, from measured initial states."""
         return Point(Variant(np.zeros(len(self.simulator.nuisances))), *self.windows.initial_states())
-
-    def take(self, index: NDArray[np.int64]) -> "Problem":
-        """For some of the windows."""
-        return replace(self, windows=self.windows.take(index))
 
     @property
     def samples(self) -> int:
@@ -185,8 +186,7 @@ class Problem:
         hessian = np.eye(0)
         for _ in range(iterations):
             linear, _ = self.linearise(point)
-            weight = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(linear.residual), 1e-9)))[..., None]
-            linear = Linearisation(linear.residual * weight[..., 0], linear.states * weight, linear.shared * weight)
+            linear = linear.weighted(linear.outlier_weights())
             shared = linear.project(linear.shared)
             residual = linear.project(linear.residual[..., None])[..., 0]
             n = len(self.spreads)

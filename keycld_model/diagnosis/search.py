@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import EFFECTS, Effect, Parameter
-from keycld_model.diagnosis.fit import OUTLIER, Fit, Linearisation, Point, Problem, knobs
+from keycld_model.diagnosis.fit import Fit, Linearisation, Point, Problem, knobs
 
 Array = NDArray[np.float64]
 REFINED = {1: 4, 2: 3, 3: 2}
@@ -202,9 +202,9 @@ class _Gram:
     """Normal equations of columns after initial states, nuisances and present effects explained what they can."""
 
     def __init__(self, problem: Problem, fit: Fit, linear: Linearisation, columns: Array) -> None:
-        weight = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(linear.residual), 1e-9)))[..., None]
-        linear = Linearisation(linear.residual * weight[..., 0], linear.states * weight, linear.shared * weight)
-        everything = np.concatenate([linear.shared, columns * weight, linear.residual[..., None]], axis=-1)
+        weights = linear.outlier_weights()
+        linear, columns = linear.weighted(weights), columns * weights[..., None]
+        everything = np.concatenate([linear.shared, columns, linear.residual[..., None]], axis=-1)
         reduced = linear.project(everything)
         full = np.einsum("wri,wrj->ij", reduced, reduced)
         n, p = len(problem.spreads), linear.shared.shape[2]

@@ -1,7 +1,7 @@
 """Recordings cut into short pieces, each with a start of its own, so that errors do not pile up."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +40,8 @@ class Windows:
 
     def take(self, index: NDArray[np.int64]) -> "Windows":
         """Some of the windows."""
-        return Windows(
-            self.step,
-            self.commands,
-            self.recording[index],
-            self.first[index],
-            self.start[index],
-            self.time[index],
-            self.measured[index],
-            self.steps,
-        )
+        per_window = ("recording", "first", "start", "time", "measured")
+        return replace(self, **{name: getattr(self, name)[index] for name in per_window})
 
     def initial_states(self) -> tuple[Array, Array]:
         """Positions and velocities `[W, nv]` at the start, from a quadratic through the first samples."""
