@@ -15,6 +15,7 @@ from keycld_envs.effects import Effect
 from keycld_envs.errors import InputError
 from keycld_envs.registration import resolve_env_id
 from keycld_model.diagnosis import nuisance
+from keycld_model.diagnosis.model_pool import ModelPool
 from keycld_model.diagnosis.nuisance import Nuisance
 from keycld_model.diagnosis.windows import Windows
 
@@ -72,11 +73,14 @@ class Simulator:
         self.step = float(self.model.opt.timestep)
         self.nuisances: tuple[Nuisance, ...] = nuisance.nuisances(model)
         self._data = [mujoco.MjData(self.model) for _ in range(threads)]
+        self._models = ModelPool(self.model)
         self._pool = rollout.Rollout(nthread=threads)
 
     def compile(self, variant: Variant) -> mujoco.MjModel:
         """The model of a variant, as far as MuJoCo has its effects itself."""
-        model = copy.copy(self.model)
+        return self._changed(copy.copy(self.model), variant)
+
+    def _changed(self, model: mujoco.MjModel, variant: Variant) -> mujoco.MjModel:
         nuisance.apply(model, self.nuisances, variant.values)
         for effect in variant.effects:
             effect.edit(model)
@@ -113,7 +117,8 @@ class Simulator:
         self, variants: Sequence[Variant], which: NDArray[np.int64], windows: Windows, q: Array, v: Array
     ) -> tuple[Array, Array]:
         """Positions and velocities `[P, W, S+1, nv]` at the steps."""
-        models = [self.compile(variant) for variant in variants]
+        copies = self._models.take(len(variants))
+        models = [self._changed(model, variant) for model, variant in zip(copies, variants, strict=True)]
         commands = np.stack([self._commands(variant, windows) for variant in variants])[which]
         p, w, nv, s = len(which), len(windows), self.model.nv, windows.steps
         batch = [models[i] for i in which for _ in range(w)]
