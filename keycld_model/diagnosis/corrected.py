@@ -1,6 +1,6 @@
 """The corrected simulator as an ordinary MJCF file."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.effects import Effect
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
 from keycld_model.diagnosis.evidence import Evidence

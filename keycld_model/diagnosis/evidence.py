@@ -122,10 +122,12 @@ def _rollouts(fits: tuple[Fit, Fit], recordings: Sequence[Recording]) -> list[Ro
     refitted, corrected = (_predicted(fit) for fit in fits)
     return [
         Rollout(
-            recordings[r].id,
-            pieces.time[rows].ravel(),
-            *(y[rows].reshape(-1, y.shape[2]) for y in (pieces.measured, refitted, corrected)),
-            np.arange(len(rows)) * pieces.time.shape[1],
+            recording=recordings[r].id,
+            time=pieces.time[rows].ravel(),
+            measured=np.concatenate(pieces.measured[rows]),
+            refitted=np.concatenate(refitted[rows]),
+            corrected=np.concatenate(corrected[rows]),
+            starts=np.arange(len(rows)) * pieces.time.shape[1],
         )
         for r, rows in _by_recording(pieces.recording)
     ]
@@ -136,10 +138,11 @@ def _residuals(fits: tuple[Fit, Fit], recordings: Sequence[Recording]) -> list[R
     before, after = ((pieces.measured - _predicted(fit)) / noise for fit in fits)
     return [
         Residuals(
-            recordings[r].id,
-            pieces.time[rows].ravel(),
-            *(z[rows].reshape(-1, z.shape[2]) for z in (before, after)),
-            np.arange(len(rows)) * pieces.time.shape[1],
+            recording=recordings[r].id,
+            time=pieces.time[rows].ravel(),
+            before=np.concatenate(before[rows]),
+            after=np.concatenate(after[rows]),
+            starts=np.arange(len(rows)) * pieces.time.shape[1],
         )
         for r, rows in _by_recording(pieces.recording)
     ]

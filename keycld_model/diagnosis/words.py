@@ -12,6 +12,10 @@ _NAMES = {
     "stribeck_friction": "Stribeck friction",
     "unknown": "Unknown physics",
 }
+_COUNTABLE = {
+    "actuator_dead_zone", "actuator_delay", "actuator_gain", "actuator_lag", "constant_force", "end_stop",
+    "external_pulse", "gravity_tilt", "spring",
+}  # fmt: skip
 
 
 def effect_name(effect: str) -> str:
@@ -56,10 +60,22 @@ def error(value: float) -> str:
     return f"{value:.{max(0, 2 - floor(log10(abs(value))))}f}"
 
 
+def in_sentence(effect: str) -> str:
+    """The name of an effect inside a sentence: "Coulomb friction", "a spring"."""
+    name = effect_name(effect)
+    name = name if name.startswith(("Coulomb", "Stribeck")) else name[0].lower() + name[1:]
+    if effect not in _COUNTABLE:
+        return name
+    return f"an {name}" if name[0] in "aeiou" else f"a {name}"
+
+
 def place(finding: Finding) -> str:
-    """Where: "the elbow", "gravity"."""
+    """Where: "the elbow", "joint hinge_1", "the surroundings"."""
     kind, name = finding.where["kind"], finding.where["name"]
-    return {"world": "the surroundings", "sensor": "the sensor", "camera": "the camera"}.get(kind, f"the {name}")
+    if kind in ("world", "sensor", "camera"):
+        return "the surroundings" if kind == "world" else f"the {kind}"
+    word = kind == "joint" and name.isalpha() and len(name) > 2
+    return f"the {name}" if word else f"{kind} {name}"
 
 
 def headline(verdict: str, findings: list[Finding], errors: FitErrors, unit: str, message: str) -> str:
@@ -76,17 +92,28 @@ def headline(verdict: str, findings: list[Finding], errors: FitErrors, unit: str
         if verdict == "no_mismatch" and message:
             return f"No effect of the library explains what differs. {message}"
         return "Nothing is missing. With masses, lengths and encoder zeros refitted, only noise is left."
-    parts = []
-    for finding in findings:
-        name = effect_name(finding.effect)
-        name = name[0].lower() + name[1:] if not name.startswith(("Coulomb", "Stribeck")) else name
-        numbers = [(n, measured(e)) for n, e in finding.parameters.items()]
-        size = f" of {numbers[0][1]}" if len(numbers) == 1 else ""
-        parts.append(f"{place(finding)} has {name}{size}")
-    what = parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])}, and {parts[-1]}"
-    lacks = "that the simulator lacks" if verdict == "mismatch" else "that the simulator may lack"
+    what = _few(findings) if len(findings) < 3 else _many(findings)
+    lacks = "lacks" if verdict == "mismatch" else "may lack"
+    what = f"{what} that the simulator {lacks}" if len(findings) < 3 else f"The simulator {lacks} {what}"
     verb = "falls" if errors.corrected < errors.refitted else "goes"
     return (
-        f"{what[0].upper()}{what[1:]} {lacks}; held-out error {verb} from {error(errors.refitted)} to "
+        f"{what[0].upper()}{what[1:]}; held-out error {verb} from {error(errors.refitted)} to "
         f"{error(errors.corrected)} {unit}."
     )
+
+
+def _few(findings: list[Finding]) -> str:
+    parts = []
+    for finding in findings:
+        estimates = list(finding.parameters.values())
+        size = f" of {measured(estimates[0])}" if len(estimates) == 1 else ""
+        verb = "have" if finding.where["kind"] == "world" else "has"
+        parts.append(f"{place(finding)} {verb} {in_sentence(finding.effect)}{size}")
+    return ", and ".join(parts)
+
+
+def _many(findings: list[Finding]) -> str:
+    parts = [in_sentence(f.effect) + ("" if f.where["kind"] == "world" else f" at {place(f)}") for f in findings[:4]]
+    rest = len(findings) - len(parts)
+    last = f"{rest} more" if rest else parts.pop()
+    return f"{', '.join(parts)}, and {last}"

@@ -43,7 +43,9 @@ ARM = """
       </body>
     </body>
   </worldbody>
-  <actuator><motor name="m" joint="b" ctrlrange="-3 3" ctrllimited="true"/><position name="p" joint="c" kp="2"/></actuator>
+  <actuator>
+    <motor name="m" joint="b" ctrlrange="-3 3" ctrllimited="true"/><position name="p" joint="c" kp="2"/>
+  </actuator>
 </mujoco>
 """
 
