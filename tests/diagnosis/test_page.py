@@ -112,6 +112,11 @@ def test_the_data_of_the_page_are_those_of_the_diagnosis(report, page):
     np.testing.assert_allclose(points, skeleton(model).at(rollout.measured), atol=1e-5)
 
 
+def test_numbers_that_json_lacks_are_null_and_words_stay_words(report):
+    odd = replace(report, details={"NaN": float("nan"), "Infinity": [float("inf"), "NaN"]})
+    assert embedded(html_page(odd), "report")["details"] == {"NaN": None, "Infinity": [None, "NaN"]}
+
+
 def test_evidence_stays_out_of_the_report(report):
     assert "evidence" not in report.to_dict()
     assert replace(report, evidence=None) == report and "Evidence" not in repr(report)
@@ -168,7 +173,7 @@ def test_the_drawing_shows_all_joints_and_marks_places(system):
     q = np.cumsum(np.random.default_rng(0).normal(0, 0.05, (200, model.nq)), axis=0)
     q[3] = np.nan
     marks = [Mark(1, "joint", joints[-1], "Coulomb friction", "0.1 N·m"), Mark(2, "world", "world", "Gravity tilt", "")]
-    drawing = draw(model, np.arange(200) * 0.01, q, marks)
+    drawing = draw(model, np.linspace(0, 2, 200), q, marks)
     root = ElementTree.fromstring(drawing)
     words = [element.text for element in root.iter() if element.tag.endswith("text")]
     assert {*joints, "Coulomb friction", "0.1 N·m", "Gravity tilt"} <= set(words)

@@ -60,7 +60,8 @@ def _free_corner(shape: Skeleton, points: Array, height: float, beside: bool) ->
     corners = corners[:2] if beside else corners[[2, 3, 0, 1]]
     along = np.linspace(0, 1, 9)[:, None, None]
     ends = [(points[:, link.start], points[:, link.end]) for link in shape.links]
-    bars = np.concatenate([points.reshape(-1, 2), *((a + along * (b - a)).reshape(-1, 2) for a, b in ends)])
+    ends.append((points[-1], points[-1] * (0, 1) + (COLUMN, 0)))  # lines to labels
+    bars = np.concatenate([(a + along * (b - a)).reshape(-1, 2) for a, b in ends])
     far = np.linalg.norm(corners[:, None] + (0, 20) - bars, axis=-1).min(axis=1)
     return corners[0] if far[0] > 60 else corners[int(far.argmax())]
 

@@ -4,6 +4,7 @@ import json
 import re
 from html import escape
 from importlib import resources
+from math import isfinite
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -120,8 +121,19 @@ def _plain(value: Any) -> str:
 
 def _json(value: Any) -> str:
     """For a script element, which no string inside can close."""
-    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), default=lambda x: x.tolist())
-    return text.replace("<", "\\u003c").replace("NaN", "null").replace("Infinity", "null")
+    text = json.dumps(_finite(value), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c")
+
+
+def _finite(value: Any) -> Any:
+    """With null for numbers that JSON does not have."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def _file(name: str) -> str:
