@@ -3,17 +3,13 @@
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-import gymnasium as gym
 import mujoco
 import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
-from keycld_envs.errors import InputError
-from keycld_envs.registration import resolve_env_id
 from keycld_model.diagnosis import nuisance
 from keycld_model.diagnosis.model_pool import ModelPool
 from keycld_model.diagnosis.nuisance import Nuisance
@@ -22,24 +18,6 @@ from keycld_model.diagnosis.windows import Windows
 Array = NDArray[np.float64]
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 _CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
-
-
-def load_model(mjcf: Path | None, system: str | None) -> mujoco.MjModel:
-    """The model of an MJCF file, or of an environment.
-
-    Raises:
-        InputError: if there is neither, or the file does not compile.
-    """
-    if mjcf is None and system is None:
-        raise InputError("The recordings name no environment; say which simulator to compare with, --env or --mjcf.")
-    if mjcf is None:
-        return gym.make(resolve_env_id(str(system))).unwrapped.model  # pyright: ignore[reportAttributeAccessIssue]
-    if not mjcf.is_file():
-        raise InputError(f"{mjcf} is no file; hand in a MuJoCo XML file.")
-    try:
-        return mujoco.MjModel.from_xml_path(str(mjcf))
-    except ValueError as error:
-        raise InputError(f"{mjcf} does not compile: {error}.") from error
 
 
 @dataclass(frozen=True)
