@@ -139,7 +139,7 @@ class Problem:
         """
         q, v = np.stack([p.q for p in points]), np.stack([p.v for p in points])
         predicted = self.simulator.simulate([points[0].variant], np.zeros(len(points), int), self.windows, q, v)
-        return self._whiten(predicted[0] if len(points) == 1 else predicted)
+        return self.whiten(predicted[0] if len(points) == 1 else predicted)
 
     def costs(self, point: Point) -> Array:
         """What each window adds to the cost, `[W]`."""
@@ -197,7 +197,7 @@ class Problem:
         for j in range(nv):
             q[j - 2 * nv, :, j] += POSITION_STEP
             v[j - nv, :, j] += VELOCITY_STEP
-        residuals = self._whiten(self.simulator.simulate(variants, which, self.windows, q, v))
+        residuals = self.whiten(self.simulator.simulate(variants, which, self.windows, q, v))
         steps = np.repeat([POSITION_STEP, VELOCITY_STEP], nv)[:, None, None]
         states = (residuals[0] - residuals[-2 * nv :]) / steps
         return residuals[: len(variants)], np.moveaxis(states, 0, -1)
@@ -293,7 +293,8 @@ class Problem:
         q[bad], v[bad] = best.q, best.v
         return replace(point, q=q, v=v), cost + float((now - costs[bad]).sum())
 
-    def _whiten(self, predicted: Array) -> Array:
+    def whiten(self, predicted: Array) -> Array:
+        """Residuals `[..., W, r]` of predictions `[..., W, n, nv]`."""
         deviation = (self.windows.measured - predicted) / self.noise
         deviation = np.where(np.isfinite(predicted), deviation, 1e3)
         deviation = np.where(np.isfinite(self.windows.measured), deviation, 0.0)

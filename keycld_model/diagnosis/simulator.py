@@ -66,7 +66,13 @@ class Simulator:
         return model
 
     def simulate(
-        self, variants: Sequence[Variant], which: NDArray[np.int64], windows: Windows, q: Array, v: Array
+        self,
+        variants: Sequence[Variant],
+        which: NDArray[np.int64],
+        windows: Windows,
+        q: Array,
+        v: Array,
+        pushes: Array | float = 0.0,
     ) -> Array:
         """Measured positions as variants predict them.
 
@@ -76,11 +82,12 @@ class Simulator:
             windows: W windows.
             q: `[P, W, nv]` positions at their starts.
             v: `[P, W, nv]` velocities.
+            pushes: `[P, W, S, nv]` generalised forces from outside, held over each step.
 
         Returns:
             `[P, W, n, nv]`; NaN where a rollout diverges.
         """
-        positions, velocities = self._roll(variants, which, windows, q, v)
+        positions, velocities, _ = self.roll(variants, which, windows, q, v, pushes)
         out = np.empty((len(which), *windows.measured.shape))
         zero = [i for i, n in enumerate(self.nuisances) if n.kind == "zero"]
         for p, variant in enumerate(variants[i] for i in which):
@@ -91,10 +98,16 @@ class Simulator:
             out[p] += variant.values[zero]
         return out
 
-    def _roll(
-        self, variants: Sequence[Variant], which: NDArray[np.int64], windows: Windows, q: Array, v: Array
-    ) -> tuple[Array, Array]:
-        """Positions and velocities `[P, W, S+1, nv]` at the steps."""
+    def roll(
+        self,
+        variants: Sequence[Variant],
+        which: NDArray[np.int64],
+        windows: Windows,
+        q: Array,
+        v: Array,
+        pushes: Array | float = 0.0,
+    ) -> tuple[Array, Array, Array]:
+        """Positions and velocities `[P, W, S+1, nv]` at the steps, and what motors get, `[P, W, S, nu]`."""
         copies = self._models.take(len(variants))
         models = [self._changed(model, variant) for model, variant in zip(copies, variants, strict=True)]
         commands = np.stack([self._commands(variant, windows) for variant in variants])[which]
@@ -106,7 +119,7 @@ class Simulator:
         path[:, :, 0] = state[:, 1 : 1 + 2 * nv].reshape(p, w, -1)
         nu = self.model.nu
         control = np.zeros((p, w, s, nu + nv))
-        control[..., :nu] = commands
+        control[..., :nu], control[..., nu:] = commands, pushes
         forced = [i for i, variant in enumerate(which) if any(e.forces for e in variants[variant].effects)]
         free = [i for i in range(p) if i not in set(forced)]
         if free:
@@ -114,7 +127,7 @@ class Simulator:
             out = self._run([batch[i] for i in rows], state[rows], control[free].reshape(len(rows), s, -1))
             path[free, :, 1:] = out.reshape(len(free), w, s, -1)[..., 1 : 1 + 2 * nv]
         if not forced:
-            return path[..., :nv], path[..., nv:]
+            return path[..., :nv], path[..., nv:], commands
         rows = np.concatenate([np.arange(i * w, (i + 1) * w) for i in forced])
         batch, state = [batch[i] for i in rows], state[rows]
         speed = np.zeros((len(forced), w, nv))
@@ -133,7 +146,7 @@ class Simulator:
                         )
             state = self._run(batch, state, np.ascontiguousarray(control[forced, :, k].reshape(len(rows), 1, -1)))[:, 0]
             path[forced, :, k + 1] = state[:, 1 : 1 + 2 * nv].reshape(len(forced), w, -1)
-        return path[..., :nv], path[..., nv:]
+        return path[..., :nv], path[..., nv:], commands
 
     def _run(self, models: list[mujoco.MjModel], state: Array, control: Array) -> Array:
         out = np.empty((*control.shape[:2], state.shape[1]))
