@@ -89,7 +89,10 @@ def assemble(
     clock = _clock(table, columns.time, columns.units)
     action_clock = clock if columns.action_time is None else _clock(table, columns.action_time, columns.units)
     units: dict[str, tuple[str, ...]] = {"qpos": _units(columns.joints, columns.units, "rad")}
-    signals: dict[str, Any] = {"t_state": clock, "qpos": _signal(table, columns.joints, columns.units, columns.time, clock)}
+    signals: dict[str, Any] = {
+        "t_state": clock,
+        "qpos": _signal(table, columns.joints, columns.units, columns.time, clock),
+    }
     for j, unit in enumerate(units["qpos"]):
         if unit == "rad":
             signals["qpos"][:, j] = unwrap(signals["qpos"][:, j])
