@@ -85,7 +85,7 @@ def score(report: Report, clock: Array, torque: Array) -> dict[str, object]:
     return {"overlaps": [round(o, 3) for o in overlaps], "false": false, "auc": area}
 
 
-def r1(folder: Path) -> GateResult:
+def run(folder: Path) -> GateResult:
     """Run the gate: the known input is what was commanded, the pushes and the measured torques are hidden."""
     start, model = time.perf_counter(), dfki.simulator()
     logged = {name: dfki.table(folder, run) for name, run in {**PUSHED, "undisturbed": QUIET}.items()}

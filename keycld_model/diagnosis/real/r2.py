@@ -21,7 +21,7 @@ REQUIRED = "coulomb_friction at both joints, 0.251 and 0.188 N m within 10 %; no
 """The viscous 0.001 N m s must not be called identifiable."""
 
 
-def r2(folder: Path) -> GateResult:
+def run(folder: Path) -> GateResult:
     """Run the gate: the known input is the torque that the motors report, the simulator has no friction."""
     start = time.perf_counter()
     model = dfki.simulator()

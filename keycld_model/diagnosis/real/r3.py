@@ -40,7 +40,7 @@ def simulator() -> mujoco.MjModel:
     return pendulum(Link(1.0, 0.1478, 0.02264), motor=False, turned=180.0)
 
 
-def r3(folder: Path) -> GateResult:
+def run(folder: Path) -> GateResult:
     """Run the gate."""
     start = time.perf_counter()
     training, held_out = recordings(folder)

@@ -31,7 +31,7 @@ def simulator() -> mujoco.MjModel:
     return pendulum(Link(MASS, LENGTH, 1.0005 * MASS * LENGTH**2), motor=False)
 
 
-def r4(folder: Path) -> GateResult:
+def run(folder: Path) -> GateResult:
     """Run the gate; the last third is held out."""
     start = time.perf_counter()
     whole, model = recording(folder), simulator()

@@ -37,7 +37,7 @@ def simulator() -> mujoco.MjModel:
     return pendulum(Link(PUBLISHED["mc"] / LENGTH, LENGTH, PUBLISHED["J"]), motor=True)
 
 
-def r6(folder: Path) -> GateResult:
+def run(folder: Path) -> GateResult:
     """Run the gate."""
     start = time.perf_counter()
     training, held_out, model = [recording(folder, TRAINING)], [recording(folder, r) for r in HELD_OUT], simulator()
