@@ -77,7 +77,7 @@ def test_rigs_have_the_inertias_of_their_owners() -> None:
     data = mujoco.MjData(hanging)
     data.qpos[:] = np.pi + 0.01
     mujoco.mj_forward(hanging, data)
-    assert data.qacc[0] == pytest.approx(-64.05 * np.sin(0.01), rel=1e-3)
+    assert data.qacc[0] == pytest.approx(-64.29 * np.sin(0.01), rel=1e-3)
 
 
 def test_the_page_of_a_gate_shows_what_was_required(tmp_path: Path) -> None:
@@ -124,8 +124,8 @@ def test_two_dissipation_terms_together_explain_what_either_makes_worse(case: st
     simulator = Simulator(r3.simulator(), 0.009)
     hinge, errors = "hinge", {}
     for name, effects in {
-        "viscous": (ViscousFriction(hinge, 0.001),),
-        "coulomb and drag": (CoulombFriction(hinge, 0.002), QuadraticDrag(hinge, 0.0001)),
+        "viscous": (ViscousFriction(hinge, 1e-4),),
+        "coulomb and drag": (CoulombFriction(hinge, 3e-4), QuadraticDrag(hinge, 1e-5)),
     }.items():
         fitted = refit(simulator, effects, training, r3.SECONDS)
         rollouts = roll(simulator, fitted, held_out, r3.SECONDS)
