@@ -17,6 +17,8 @@ POSITION_STEP, VELOCITY_STEP = 1e-4, 1e-3
 """Steps of derivatives with respect to initial states."""
 ATTEMPTS = 5
 """Steps tried, each ten times more cautious, before the fit counts as converged."""
+DIVERGED = 1e5
+"""Standard deviations that a rollout which diverges is off, and others at most."""
 OUTLIER = 4.0
 """Deviation, in standard deviations of the noise, from which the cost of a window's sample grows linearly."""
 
@@ -121,7 +123,7 @@ class Problem:
         return np.array([n.spread for n in self.simulator.nuisances])
 
     def residual(self, point: Point) -> Array:
-        """Whitened residuals `[W, r]`; a window that diverges counts as 1,000 standard deviations everywhere."""
+        """Whitened residuals `[W, r]`; a window that diverges counts as `DIVERGED` everywhere."""
         predicted = self.simulator.simulate(
             [point.variant], np.zeros(1, int), self.windows, point.q[None], point.v[None]
         )[0]
@@ -226,9 +228,9 @@ class Problem:
 
     def _whiten(self, predicted: Array) -> Array:
         deviation = (self.windows.measured - predicted) / self.noise
-        deviation = np.where(np.isfinite(predicted), deviation, 1e3)
+        deviation = np.where(np.isfinite(predicted), deviation, DIVERGED)
         deviation = np.where(np.isfinite(self.windows.measured), deviation, 0.0)
-        return np.clip(deviation, -1e3, 1e3).reshape(len(self.windows), -1)
+        return np.clip(deviation, -DIVERGED, DIVERGED).reshape(len(self.windows), -1)
 
 
 @dataclass(frozen=True)
@@ -267,7 +269,7 @@ class Fit:
 
 def _step(parameter: Parameter, value: float) -> float:
     """Of a derivative; inwards where the bound is near."""
-    step = 0.02 * max(parameter.scale, abs(value) * 0.5)
+    step = 0.02 * max(0.1 * parameter.scale, abs(value) * 0.5)
     return -step if value + step > parameter.high else step
 
 
