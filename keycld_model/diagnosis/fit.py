@@ -21,6 +21,8 @@ FAR, SETTLING = 3.0, 4
 """Windows that cost so many times the median get steps of their own for their initial states."""
 STALE = 0.2
 """Share of the last gain from which on old derivatives are good enough for another step."""
+DIVERGED = 1e5
+"""Standard deviations that a rollout which diverges is off, and others at most."""
 OUTLIER = 4.0
 """Deviation, in standard deviations of the noise, from which the cost of a window's sample grows linearly."""
 
@@ -135,7 +137,7 @@ class Problem:
     def residual(self, *points: Point) -> Array:
         """Whitened residuals `[..., W, r]` of one or more points with the same shared numbers.
 
-        A window that diverges counts as 1,000 standard deviations everywhere.
+        A window that diverges counts as `DIVERGED` everywhere.
         """
         q, v = np.stack([p.q for p in points]), np.stack([p.v for p in points])
         predicted = self.simulator.simulate([points[0].variant], np.zeros(len(points), int), self.windows, q, v)
@@ -296,9 +298,9 @@ class Problem:
     def whiten(self, predicted: Array) -> Array:
         """Residuals `[..., W, r]` of predictions `[..., W, n, nv]`."""
         deviation = (self.windows.measured - predicted) / self.noise
-        deviation = np.where(np.isfinite(predicted), deviation, 1e3)
+        deviation = np.where(np.isfinite(predicted), deviation, DIVERGED)
         deviation = np.where(np.isfinite(self.windows.measured), deviation, 0.0)
-        return np.clip(deviation, -1e3, 1e3).reshape(*predicted.shape[:-2], -1)
+        return np.clip(deviation, -DIVERGED, DIVERGED).reshape(*predicted.shape[:-2], -1)
 
 
 @dataclass(frozen=True)
@@ -352,7 +354,7 @@ class Fit:
 
 def _step(parameter: Parameter, value: float) -> float:
     """Of a derivative; inwards where the bound is near."""
-    step = 0.02 * max(parameter.scale, abs(value) * 0.5)
+    step = 0.02 * max(0.1 * parameter.scale, abs(value) * 0.5)
     return -step if value + step > parameter.high else step
 
 

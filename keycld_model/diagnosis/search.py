@@ -20,6 +20,8 @@ FINALISTS = 2
 """How many of them are then refined to the end, beside the best of each size."""
 ENOUGH, LEAST_SHARE = 500.0, 0.25
 """Nats of misfit that suffice to choose among sets; where there is more, a share of the windows is looked at."""
+GENTLE = 0.03
+"""Rad or m, root mean square over a window, that a probe may move a joint for its effect to count as linear."""
 PARTNERS = 40
 """Pairs that are tried with every third effect."""
 MATERIAL = 0.005
@@ -50,11 +52,11 @@ class Hypothesis:
         """What it is and where."""
         return self.effect.id, self.effect.where
 
-    def probes(self) -> list[Effect]:
-        """The effect a little present, once per coefficient."""
+    def probes(self, amount: float = 1.0) -> list[Effect]:
+        """The effect a little present, once per coefficient; `amount` of the usual."""
         if not self.coefficients:
             return [self.effect]
-        return [replace(self.effect, **{p.name: p.absent + p.scale}) for p in self.coefficients]
+        return [replace(self.effect, **{p.name: p.absent + amount * p.scale}) for p in self.coefficients]
 
 
 def hypotheses(model: mujoco.MjModel, exclude: Iterable[str] = ()) -> list[Hypothesis]:
@@ -196,8 +198,18 @@ class Search:
         free = [h for h in self.hypotheses if h.key not in used]
         probes = [(i, j, probe) for i, h in enumerate(free) for j, probe in enumerate(h.probes())]
         linear, probed = fit.problem.linearise(fit.point, [(*fit.effects, probe) for *_, probe in probes])
+        amounts = self._gentle(linear.residual, probed)
+        again = [c for c, (i, _, _) in enumerate(probes) if amounts[c] < 1 and free[i].coefficients]
+        if again:
+            gentler = [free[probes[c][0]].probes(amounts[c])[probes[c][1]] for c in again]
+            probed[again] = fit.problem.linearise(fit.point, [(*fit.effects, probe) for probe in gentler])[1]
+        amounts = [amounts[c] if c in set(again) else 1.0 for c in range(len(probes))]
         columns = np.stack(
-            [(linear.residual - r) / _amount(free[i], j) for (i, j, _), r in zip(probes, probed, strict=True)], axis=-1
+            [
+                (linear.residual - r) / (amount * _amount(free[i], j))
+                for (i, j, _), amount, r in zip(probes, amounts, probed, strict=True)
+            ],
+            axis=-1,
         )
         gram = _Gram(fit.problem, fit, linear, columns)
         members = [[c for c, (i, _, _) in enumerate(probes) if i == h] for h in range(len(free))]
@@ -211,6 +223,12 @@ class Search:
         for size, number in REFINED.items():
             best = sorted((item for item in ranked.values() if len(item[1]) == size), key=lambda item: -item[0])
             yield from ((*fit.effects, *effects) for worth, effects in best[:number] if worth > 0)
+
+    def _gentle(self, residual: Array, probed: Array) -> Array:
+        """How much of each probe moves no joint by more than `GENTLE`, for residuals `[W, r]` and `[probes, W, r]`."""
+        noise = np.tile(self.problem.noise, residual.shape[1] // len(self.problem.noise))
+        moved = np.max(np.sqrt(np.mean(((probed - residual) * noise) ** 2, axis=2)), axis=1)
+        return np.clip(GENTLE / np.maximum(moved, 1e-12), 1e-4, 1.0)
 
 
 @dataclass(frozen=True)
