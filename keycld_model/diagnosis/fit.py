@@ -178,7 +178,7 @@ class Problem:
             columns.append((n + k, step))
             variants.append(replace(base, effects=turn(base.effects, knob, value + step)))
         variants += [replace(base, effects=effects) for effects in extra]
-        residuals, states = self._roll(variants, point)
+        residuals, states = self.roll(variants, point)
         here = residuals[0]
         shared = np.zeros((*here.shape, n + len(knobs(base.effects))))
         for p, (column, step) in enumerate(columns):
@@ -191,7 +191,7 @@ class Problem:
                 shared[..., i] = np.where(measured, one, 0.0).reshape(len(here), -1)
         return Linearisation(here, states, shared), residuals[1 + len(columns) :]
 
-    def _roll(self, variants: Sequence[Variant], point: Point) -> tuple[Array, Array]:
+    def roll(self, variants: Sequence[Variant], point: Point) -> tuple[Array, Array]:
         """Residuals `[V, W, r]` from the point's states, and minus the first's derivative to them, `[W, r, 2nv]`."""
         nv = point.q.shape[1]
         which = np.concatenate([np.arange(len(variants)), np.zeros(2 * nv, int)])
@@ -259,7 +259,8 @@ class Problem:
         values = point.variant.values + step[:n]
         left = linear.residual - linear.shared @ step
         states = np.stack([np.linalg.lstsq(a, b, rcond=1e-10)[0] for a, b in zip(linear.states, left, strict=True)])
-        return Point(Variant(values, tuple(effects)), point.q + states[:, :nv], point.v + states[:, nv:])
+        variant = replace(point.variant, values=values, effects=tuple(effects))
+        return Point(variant, point.q + states[:, :nv], point.v + states[:, nv:])
 
     def _best_states(self, new: Point, old: Point) -> tuple[Point, float]:
         """With each window's states as they were, where that is better; and the cost."""
@@ -282,7 +283,7 @@ class Problem:
         caution = np.full(len(bad), 1e-3)
         for attempt in range(SETTLING + 1):
             if attempt:
-                residual, states = part._roll([point.variant], best)
+                residual, states = part.roll([point.variant], best)
                 normal = np.einsum("wri,wrj->wij", states, states)
                 normal += (caution[:, None] * np.einsum("wii->wi", normal) + 1e-9)[..., None] * np.eye(2 * q.shape[1])
                 step = np.linalg.solve(normal, np.einsum("wri,wr->wi", states, residual[0])[..., None])[..., 0]

@@ -33,6 +33,7 @@ class Finding:
         confidence: probability that effect and place are right.
         rivals: effects that these data do not exclude in its place.
         when: seconds, None throughout.
+        when_by_recording: seconds, by id of the recording, where that differs.
         region: positions and velocities to which it is confined, None if to none.
     """
 
@@ -44,6 +45,7 @@ class Finding:
     confidence: float
     rivals: list[str]
     when: list[tuple[float, float]] | None = None
+    when_by_recording: dict[str, list[tuple[float, float]]] | None = None
     region: dict[str, tuple[float, float]] | None = None
 
 

@@ -104,7 +104,7 @@ class ResidualForce(Effect):
         return self.features(q, v, u) @ self.weights
 
 
-def fit_residual_force(fit: Fit, seed: int = 0) -> Fit:
+def fit_residual_force(fit: Fit, rounds: int = ROUNDS, seed: int = 0) -> Fit:
     """Add the force that explains most of what a fit leaves, nuisances refitted beside it.
 
     Of several widths and priors those are taken that predict best every third recording from the others.
@@ -118,7 +118,7 @@ def fit_residual_force(fit: Fit, seed: int = 0) -> Fit:
     priors = [(ridge, coupling) for ridge in RIDGES for coupling in COUPLINGS]
     features = min(drawn, key=lambda f: min(normal.validate(f, f.precision(*p), old) for p in priors))
     best, weights = fit, old
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         prior = min((features.precision(*p) for p in priors), key=lambda p: normal.validate(features, p, weights))
         change, values = normal.solve(features, prior, weights, np.ones(len(normal.vectors), dtype=bool))
         for fraction in (1.0, 0.5, 0.2):
@@ -199,7 +199,8 @@ class _Normal:
         vector = vector.copy()
         vector[:n] -= self.prior * self.values
         vector[n:] -= precision * weights.ravel()
-        solution = np.linalg.solve(matrix + np.diag(np.concatenate([self.prior, precision])), vector)
+        regular = matrix + np.diag(np.concatenate([self.prior, precision]))
+        solution = np.linalg.solve(regular, vector).astype(np.float64)
         return solution[n:].reshape(-1, nv), solution[:n]
 
     def validate(self, features: Features, prior: Array, weights: Array) -> float:
@@ -222,6 +223,5 @@ class _Normal:
         half = m[:, n:, n:] @ spread
         own = np.tensordot(spread, half, axes=([0, 1], [0, 1]))
         matrix = np.block([[m[:, :n, :n].sum(axis=0), cross], [cross.T, own]])
-        return np.asarray(matrix, dtype=np.float64), np.concatenate(
-            [y[:, :n].sum(axis=0), np.einsum("wbk,wb->k", spread, y[:, n:])]
-        )
+        vector = np.concatenate([y[:, :n].sum(axis=0), np.einsum("wbk,wb->k", spread, y[:, n:])])
+        return matrix.astype(np.float64), vector.astype(np.float64)

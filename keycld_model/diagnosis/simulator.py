@@ -21,16 +21,37 @@ _CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_QFRC_APP
 
 
 @dataclass(frozen=True)
+class Pulse:
+    """A push from outside.
+
+    Attributes:
+        recording: index.
+        dof: joint, among the velocities.
+        start: s, on the recording's clock.
+        duration: s.
+        force: N m or N.
+    """
+
+    recording: int
+    dof: int
+    start: float
+    duration: float
+    force: float
+
+
+@dataclass(frozen=True)
 class Variant:
     """A simulator with other numbers and other physics.
 
     Attributes:
         values: of the nuisances.
         effects: added physics.
+        pulses: pushes from outside, in the recordings that are simulated.
     """
 
     values: Array
     effects: tuple[Effect, ...] = ()
+    pulses: tuple[Pulse, ...] = ()
 
 
 class Simulator:
@@ -120,6 +141,8 @@ class Simulator:
         nu = self.model.nu
         control = np.zeros((p, w, s, nu + nv))
         control[..., :nu], control[..., nu:] = commands, pushes
+        if any(variant.pulses for variant in variants):
+            control[..., nu:] += np.stack([self._pushes(variant, windows) for variant in variants])[which]
         forced = [i for i, variant in enumerate(which) if any(e.forces for e in variants[variant].effects)]
         free = [i for i in range(p) if i not in set(forced)]
         if free:
@@ -147,6 +170,16 @@ class Simulator:
             state = self._run(batch, state, np.ascontiguousarray(control[forced, :, k].reshape(len(rows), 1, -1)))[:, 0]
             path[forced, :, k + 1] = state[:, 1 : 1 + 2 * nv].reshape(len(forced), w, -1)
         return path[..., :nv], path[..., nv:], commands
+
+    def _pushes(self, variant: Variant, windows: Windows) -> Array:
+        """Mean forces of pulses over each step, `[W, S, nv]`."""
+        out = np.zeros((len(windows), windows.steps, self.model.nv))
+        edges = windows.start[:, None] + self.step * np.arange(windows.steps + 1)
+        for pulse in variant.pulses:
+            of = windows.recording == pulse.recording
+            inside = np.clip(edges[of], pulse.start, pulse.start + pulse.duration)
+            out[of, :, pulse.dof] += pulse.force * np.diff(inside, axis=1) / self.step
+        return out
 
     def _run(self, models: list[mujoco.MjModel], state: Array, control: Array) -> Array:
         out = np.empty((*control.shape[:2], state.shape[1]))

@@ -1,0 +1,151 @@
+"""What fits mean: findings with intervals, refitted nuisances, and what stays unexplained."""
+
+from collections.abc import Iterator, Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.effects import Effect, ExternalPulse
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.fit import Fit, knobs
+from keycld_model.diagnosis.held_out import mean_square
+from keycld_model.diagnosis.pulses import joined
+from keycld_model.diagnosis.report import Estimate, Finding, FitErrors, Unexplained, Verdict
+from keycld_model.diagnosis.search import Scored, Search
+
+EXPLAINED, SURE = 0.06, 5.0
+"""Above one, what the mean square of whitened residuals may be where only noise is left: the noise is known to a few
+percent, and the mean square to so many standard deviations."""
+
+
+def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], search: Search) -> list[Finding]:
+    """One per effect of the best set, with 90 % intervals, and what the data do not exclude in its place."""
+    deviations = iter(best.fit.deviations() * np.sqrt(max(1.0, best.fit.chi_square)))
+    weights = {keys: np.exp(best.score - s.score) for keys, s in search.found.items()}
+    total = sum(weights.values())
+    out = []
+    for effect in best.fit.effects:
+        key = effect.id, effect.where
+        others = {k for s in rivals.get(key, ()) for k in s.keys - best.keys}
+        out.append(
+            Finding(
+                effect=effect.id,
+                family=effect.family,
+                where={"kind": effect.kind, "name": effect.where},
+                parameters=_estimates(effect, deviations),
+                equation=effect.equation,
+                confidence=round(float(sum(w for keys, w in weights.items() if key in keys) / total), 4),
+                rivals=sorted({name if where == effect.where else f"{name} at {where}" for name, where in others}),
+            )
+        )
+    return out
+
+
+def _estimates(effect: Effect, deviations: Iterator[float]) -> dict[str, Estimate]:
+    out = {}
+    for knob in knobs([effect]):
+        value, deviation = getattr(effect, knob.parameter.name), 1.645 * next(deviations)
+        low, high = max(value - deviation, knob.parameter.low), min(value + deviation, knob.parameter.high)
+        out[knob.parameter.name] = Estimate(value, knob.parameter.unit, low, high)
+    return out
+
+
+def nuisance_of(fit: Fit) -> dict[str, Estimate]:
+    """Refitted masses, lengths and zeros with 90 % intervals."""
+    covariance = np.diag(np.linalg.pinv(fit.hessian))
+    out = {}
+    values = zip(fit.problem.simulator.nuisances, fit.point.variant.values, covariance, strict=False)
+    for nuisance, value, variance in values:
+        spread = 1.645 * np.sqrt(max(variance, 0.0))
+        low, high, unit = value - spread, value + spread, "rad or m"
+        if nuisance.kind != "zero":
+            value, low, high, unit = np.exp(value), np.exp(low), np.exp(high), "of the simulator's"
+        out[nuisance.name] = Estimate(float(value), unit, float(low), float(high))
+    return out
+
+
+def significant(fit: Fit) -> NDArray[np.float64]:
+    """By how much the mean square of whitened residuals of each joint is more than noise; negative where it is not."""
+    left = mean_square(fit)
+    return left - 1 - EXPLAINED - SURE * np.sqrt(2 / (fit.problem.samples / len(left)))
+
+
+def unexplained_of(refitted: Fit, chosen: Fit, model: mujoco.MjModel) -> Unexplained:
+    """From fits to held-out recordings."""
+    before, after = (mean_square(fit) for fit in (refitted, chosen))
+    excess = significant(chosen)
+    worst = int(excess.argmax())
+    more = bool(excess[worst] > 0)
+    fraction = float(np.clip((after[worst] - 1) / max(float(before[worst]) - 1, 1e-9), 0, 1)) if more else 0.0
+    joint = model.joint(worst).name
+    message = "What is left is noise."
+    if more:
+        message = (
+            f"The joint {joint!r} still deviates by {np.sqrt(after[worst]):.1f} times the noise of its sensor; no "
+            "effect in the library explains it."
+        )
+    return Unexplained(more, round(fraction, 4), joint if more else None, message)
+
+
+def pulses_of(fit: Fit, recordings: Sequence[Recording]) -> list[Finding]:
+    """One finding per joint that is pushed."""
+    model, step = fit.problem.simulator.model, fit.problem.simulator.step
+    pulses = joined(fit.point.variant.pulses, 3 * step)
+    out = []
+    for dof in sorted({p.dof for p in pulses}):
+        own = [p for p in pulses if p.dof == dof]
+        when: dict[str, list[tuple[float, float]]] = {}
+        for p in own:
+            when.setdefault(recordings[p.recording].id, []).append((p.start, p.start + p.duration))
+        sizes = np.array([abs(p.force) for p in own])
+        joint = model.joint(int(model.dof_jntid[dof]))
+        unit = "N m" if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE else "N"
+        out.append(
+            Finding(
+                effect=ExternalPulse.id,
+                family=ExternalPulse.family,
+                where={"kind": "joint", "name": joint.name},
+                parameters={"f": Estimate(float(np.median(sizes)), unit, float(sizes.min()), float(sizes.max()))},
+                equation=ExternalPulse.equation,
+                confidence=1.0,
+                rivals=[],
+                when=[span for spans in when.values() for span in spans] if len(when) == 1 else None,
+                when_by_recording=when,
+            )
+        )
+    return out
+
+
+def unknown_of(fit: Fit, share: float) -> Finding:
+    """The finding of a force without a name, which gained a share of all that was gained on held-out recordings."""
+    effect = fit.effects[-1]
+    return Finding(
+        effect=effect.id,
+        family=effect.family,
+        where={"kind": effect.kind, "name": effect.where},
+        parameters={},
+        equation=effect.equation,
+        confidence=round(share, 4),
+        rivals=[],
+    )
+
+
+def headline_of(verdict: Verdict, findings: list[Finding], errors: FitErrors, left: Unexplained) -> str:
+    """One sentence."""
+    if not findings:
+        if left.significant:
+            return f"Something is missing that no effect in the library explains. {left.message}"
+        return "Nothing is missing: with masses, lengths and encoder zeros refitted, only noise is left."
+    names = "; ".join(
+        f"{f.effect.replace('_', ' ')} at {f.where['name']}"
+        + (" (" if f.parameters else "")
+        + ", ".join(f"{n} = {e.value:.3g} ± {(e.high - e.low) / 2:.1g} {e.unit}" for n, e in f.parameters.items())
+        + (")" if f.parameters else "")
+        for f in findings
+    )
+    verb = "lacks" if verdict == "mismatch" else "may lack"
+    return (
+        f"The simulator {verb} {names}; the held-out error goes from {errors.refitted:.3g} to {errors.corrected:.3g} "
+        f"{errors.unit}."
+    )

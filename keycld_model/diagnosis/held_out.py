@@ -1,0 +1,37 @@
+"""Fits tried on recordings that they have not seen."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_model.diagnosis.fit import Fit, Point, Problem
+from keycld_model.diagnosis.pulses import with_pulses
+
+
+def replay(problem: Problem, fit: Fit, iterations: int = 8) -> Fit:
+    """The numbers of a fit on other recordings; only initial states, and pulses if it has any, are fitted."""
+    variant = replace(fit.point.variant, pulses=())
+    tried = problem.minimise(Point(variant, *problem.windows.initial_states()), iterations, only_states=True)
+    joints = sorted({pulse.dof for pulse in fit.point.variant.pulses})
+    return with_pulses(tried, joints) if joints else tried
+
+
+def likelihood(fit: Fit) -> float:
+    """Nats, without the prior."""
+    return 0.5 * float(np.sum((fit.point.variant.values / fit.problem.spreads) ** 2)) - fit.cost
+
+
+def _residual(fit: Fit) -> NDArray[np.float64]:
+    """Whitened, `[W, n, nv]`."""
+    return fit.problem.residual(fit.point).reshape(fit.problem.windows.measured.shape)
+
+
+def rollout_error(fit: Fit) -> float:
+    """Root mean square, rad or m."""
+    return float(np.sqrt(np.mean((_residual(fit) * fit.problem.noise) ** 2)))
+
+
+def mean_square(fit: Fit) -> NDArray[np.float64]:
+    """Of whitened residuals, per joint, `[nv]`, per degree of freedom."""
+    return np.mean(_residual(fit) ** 2, axis=(0, 1)) / (1 - 2 / fit.problem.windows.measured.shape[1])

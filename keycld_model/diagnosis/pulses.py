@@ -1,0 +1,175 @@
+"""Pushes from outside at unknown times: found one by one in the windows that they spoil, then timed."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_model.diagnosis.fit import Fit, Point, Problem
+from keycld_model.diagnosis.simulator import Pulse
+from keycld_model.diagnosis.windows import Windows
+
+Array = NDArray[np.float64]
+BINS = 16
+"""Times in a window at which a pulse may start and end at first."""
+PRICE = 20.0
+"""Nats that a pulse must gain: three numbers of its own, and its time and joint were searched for."""
+CONTINUED = 5.0
+"""Nats that its continuation into the next window must gain."""
+ROUNDS, TIMING = 4, 6
+"""Pulses per window at most, and steps in which their times are refined."""
+
+
+def concentrated(fit: Fit, share: float = 0.4, excess: float = 0.6) -> bool:
+    """Most of what a fit leaves above noise is in few windows."""
+    above = np.sort(fit.problem.costs(fit.point) - 0.5 * fit.problem.samples / len(fit.problem.windows))[::-1]
+    few = above[: max(1, int(share * len(above)))]
+    total = np.maximum(above, 0).sum()
+    return bool(total > PRICE and np.maximum(few, 0).sum() > excess * total and np.median(above) < 0.5 * above[0])
+
+
+def pushed(fit: Fit) -> Fit:
+    """With the pulses that explain most: all at one joint, or at several if that is worth their numbers."""
+    nv = fit.point.q.shape[1]
+    options = [fit, *(with_pulses(fit, [joint]) for joint in range(nv))]
+    if nv > 1 and sum(bool(f.point.variant.pulses) for f in options) > 1:
+        options.append(with_pulses(fit))
+    return min(options, key=price)
+
+
+def price(fit: Fit) -> float:
+    """Cost of a fit with its pulses paid for."""
+    return fit.cost + PRICE * len(fit.point.variant.pulses)
+
+
+def with_pulses(fit: Fit, joints: Sequence[int] | None = None) -> Fit:
+    """A fit with the pulses that its windows show, at some joints or at any; without any if there are none."""
+    problem, nv = fit.problem, fit.point.q.shape[1]
+    joints = range(nv) if joints is None else joints
+    point = replace(fit.point, variant=replace(fit.point.variant, pulses=()))
+    fit = problem.minimise(point, only_states=True)
+    for _ in range(ROUNDS):
+        new = _found(fit, list(joints))
+        if not new:
+            break
+        pulses = (*fit.point.variant.pulses, *new)
+        point = replace(fit.point, variant=replace(fit.point.variant, pulses=pulses))
+        better = problem.minimise(_timed(problem, point), only_states=True)
+        if better.cost > fit.cost - PRICE:
+            break
+        fit = better
+    return fit
+
+
+def joined(pulses: Sequence[Pulse], gap: float) -> list[Pulse]:
+    """Pulses of one joint and sense that follow each other within a gap, s, as one."""
+    out: list[Pulse] = []
+    for p in sorted(pulses, key=lambda p: (p.recording, p.dof, p.start)):
+        last = out[-1] if out else None
+        same = last is not None and (last.recording, last.dof, last.force > 0) == (p.recording, p.dof, p.force > 0)
+        if last is not None and same and p.start < last.start + last.duration + gap:
+            end = max(last.start + last.duration, p.start + p.duration)
+            impulse = last.force * last.duration + p.force * p.duration
+            out[-1] = replace(last, duration=end - last.start, force=impulse / (end - last.start))
+        else:
+            out.append(p)
+    return out
+
+
+def _found(fit: Fit, joints: list[int]) -> list[Pulse]:
+    """At most one more pulse per window, and its continuation into the next one."""
+    problem, windows = fit.problem, fit.problem.windows
+    s, scale = windows.steps, 0.2 * problem.simulator.model.dof_M0
+    linear, _ = problem.linearise(fit.point)
+    edges = np.linspace(0, s, BINS + 1).round().astype(int)
+    pushes = np.zeros((len(joints) * BINS, len(windows), s, problem.simulator.model.nv))
+    for j, joint in enumerate(joints):
+        for b in range(BINS):
+            pushes[j * BINS + b, :, edges[b] : edges[b + 1], joint] = scale[joint]
+    q, v = (np.repeat(z[None], len(pushes), axis=0) for z in (fit.point.q, fit.point.v))
+    which = np.zeros(len(pushes), int)
+    pushed = problem.whiten(problem.simulator.simulate([fit.point.variant], which, windows, q, v, pushes))
+    columns = np.moveaxis(linear.residual - pushed, 0, -1).reshape(*linear.residual.shape, len(joints), BINS)
+    spans = [(a, b) for a in range(BINS) for b in range(a + 1, BINS + 1)]
+    total = np.concatenate([np.zeros((*columns.shape[:-1], 1)), np.cumsum(columns, axis=-1)], axis=-1)
+    first, last = np.array(spans).T
+    flat = (total[..., last] - total[..., first]).reshape(*linear.residual.shape, -1)
+    flat = linear.project(flat)
+    residual = linear.project(linear.residual[..., None])[..., 0]
+    power = np.maximum(np.einsum("wrk,wrk->wk", flat, flat), 1e-9)
+    dot = np.einsum("wrk,wr->wk", flat, residual)
+    gain = 0.5 * dot**2 / power
+    out: dict[int, Pulse] = {}
+    length = windows.steps * windows.step
+    for w in np.argsort(-gain.max(axis=1)):
+        k = int(gain[w].argmax())
+        if gain[w, k] < PRICE:
+            break
+        out[int(w)] = _pulse(windows, int(w), joints, spans, k, dot[w, k] / power[w, k] * scale)
+    for w, pulse in list(out.items()):  # a pulse may go on in the window before or after
+        for other, side in ((w - 1, -1), (w + 1, 1)):
+            near = 0 <= other < len(windows) and windows.recording[other] == windows.recording[w] and other not in out
+            if not near or abs(windows.start[other] - windows.start[w]) > 1.5 * length:
+                continue
+            touches = [i for i, (a, b) in enumerate(spans) if (b == BINS if side < 0 else a == 0)]
+            at = joints.index(pulse.dof) * len(spans)
+            best = max(touches, key=lambda i: gain[other, at + i])
+            force = dot[other, at + best] / power[other, at + best] * scale[pulse.dof]
+            if gain[other, at + best] > CONTINUED and force * pulse.force > 0:
+                out[other] = _pulse(
+                    windows, other, joints, spans, at + best, dot[other, at + best] / power[other, at + best] * scale
+                )
+    return list(out.values())
+
+
+def _pulse(windows: Windows, w: int, joints: list[int], spans: list[tuple[int, int]], k: int, force: Array) -> Pulse:
+    joint, (a, b) = joints[k // len(spans)], spans[k % len(spans)]
+    bin_length = windows.steps * windows.step / BINS
+    start = float(windows.start[w] + a * bin_length)
+    return Pulse(int(windows.recording[w]), joint, start, (b - a) * bin_length, float(force[joint]))
+
+
+def _timed(problem: Problem, point: Point) -> Point:
+    """Forces and times of pulses refined, each in its window, initial states eliminated."""
+    windows, pulses = problem.windows, list(point.variant.pulses)
+    end = windows.start + windows.steps * windows.step
+    owner = [_window(windows, end, p) for p in pulses]
+    step = windows.step
+    caution = np.full(len(pulses), 1e-2)
+    costs = problem.costs(point)
+    for _ in range(TIMING):
+        base, states = problem.roll([point.variant], point)
+        columns = []
+        for name, amount in (("force", None), ("start", 0.2 * step), ("duration", 0.2 * step)):
+            sizes = [amount or 0.02 * abs(p.force) + 1e-6 for p in pulses]
+            moved = tuple(replace(p, **{name: getattr(p, name) + d}) for p, d in zip(pulses, sizes, strict=True))
+            shifted = problem.residual(replace(point, variant=replace(point.variant, pulses=moved)))
+            columns.append((base[0] - shifted, sizes))
+        proposal = list(pulses)
+        for i, (p, w) in enumerate(zip(pulses, owner, strict=True)):
+            jacobian = np.stack([c[w] / sizes[i] for c, sizes in columns], axis=-1)
+            whole = np.concatenate([jacobian, states[w]], axis=-1)
+            normal = whole.T @ whole
+            normal += np.diag((caution[i] + 1e-9) * np.diag(normal) + 1e-12)
+            change = np.linalg.solve(normal, whole.T @ base[0][w])[:3]
+            start = float(np.clip(p.start + change[1], windows.start[w], end[w] - step))
+            longest = max(step, end[w] - start)
+            duration = float(np.clip(p.duration + change[2], step, longest))
+            proposal[i] = replace(p, force=p.force + float(change[0]), start=start, duration=duration)
+        tried = replace(point, variant=replace(point.variant, pulses=tuple(proposal)))
+        tried = problem.minimise(tried, 2, only_states=True).point
+        new_costs = problem.costs(tried)
+        better = new_costs < costs
+        pulses = [n if better[w] else p for n, p, w in zip(proposal, pulses, owner, strict=True)]
+        caution = np.where(better[owner], caution / 5, caution * 10)
+        q, v = np.where(better[:, None], tried.q, point.q), np.where(better[:, None], tried.v, point.v)
+        point = replace(point, variant=replace(point.variant, pulses=tuple(pulses)), q=q, v=v)
+        costs = np.minimum(costs, new_costs)
+    return point
+
+
+def _window(windows: Windows, end: Array, pulse: Pulse) -> int:
+    """The window in which a pulse began to be looked for."""
+    inside = (windows.recording == pulse.recording) & (windows.start <= pulse.start + 1e-9) & (pulse.start < end)
+    return int(np.flatnonzero(inside)[-1])
