@@ -13,7 +13,7 @@ from keycld_envs.files import atomic_file
 from keycld_model.diagnosis.evidence import Evidence
 from keycld_model.diagnosis.native import Native, native
 from keycld_model.diagnosis.source import Source
-from keycld_model.diagnosis.words import call
+from keycld_model.diagnosis.words import call, spelled_out
 
 Element = ElementTree.Element
 Model = mujoco.MjModel
@@ -91,9 +91,12 @@ def _comment(written: Native) -> str:
     lines = ["The corrected simulator, written by keycld diagnose: masses and lengths refitted, missing physics added."]
     lines += ["The time step and the integrator are those that were fitted with."]
     lines += [f"Written in MuJoCo's own numbers: {call(e)}" for e in written.effects]
-    if any(not e.observes for e in written.others):
-        lines += ["Not in this file; simulate it with keycld_envs.effects.AddedPhysics and these effects:"]
-        lines += [f"  {call(e)}" for e in written.others if not e.observes]
+    rest = [e for e in written.others if not e.observes]
+    if any(map(spelled_out, rest)):
+        lines += ["Not in this file; add it with keycld_envs.effects.added_physics.AddedPhysics and these effects:"]
+        lines += [f"  {call(e)}" for e in rest if spelled_out(e)]
+    functions = "Not in this file: a fitted function, in report.evidence.effects of keycld_model.diagnosis.diagnose:"
+    lines += [f"{functions} {call(e)}" for e in rest if not spelled_out(e)]
     lines += [f"In the measurement, not in the motion: {call(e)}" for e in written.others if e.observes]
     return "<!--\n" + "".join(f"  {line.replace('--', '- -')}\n" for line in lines) + "-->\n"
 

@@ -24,9 +24,15 @@ def effect_name(effect: str) -> str:
 
 
 def call(effect: Effect) -> str:
-    """Python that makes an effect: `CoulombFriction("elbow", c=0.0503)`."""
-    numbers = [f"{f.name}={getattr(effect, f.name):.5g}" for f in fields(effect) if f.name != "where"]
+    """Python that makes an effect: `CoulombFriction("elbow", c=0.0503)`; "..." for what is no number."""
+    values = [(f.name, getattr(effect, f.name)) for f in fields(effect) if f.name != "where"]
+    numbers = [f"{name}={value:.5g}" if isinstance(value, int | float) else f"{name}=..." for name, value in values]
     return f"{type(effect).__name__}({', '.join([json.dumps(effect.where), *numbers])})"
+
+
+def spelled_out(effect: Effect) -> bool:
+    """All of an effect is in its `call`; a fitted function is not."""
+    return all(isinstance(getattr(effect, f.name), int | float | str) for f in fields(effect))
 
 
 def unit(text: str) -> str:

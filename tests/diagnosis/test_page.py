@@ -23,7 +23,8 @@ from keycld_model.diagnosis.page.labels import Mark
 from keycld_model.diagnosis.page.mathml import mathml
 from keycld_model.diagnosis.page.page import html_page
 from keycld_model.diagnosis.report import Estimate, Finding, Unexplained
-from keycld_model.diagnosis.words import measured
+from keycld_model.diagnosis.residual_force import ResidualForce
+from keycld_model.diagnosis.words import call, measured
 
 LIMIT = 8_000_000
 
@@ -146,6 +147,14 @@ def test_every_kind_of_finding_has_its_place(report):
     assert "may lack" in text and "do not exclude Coulomb friction" in text and "0.25–0.50 s" in text
     assert "25 % of what the refitted" in text and "physics.steps(data, 1)" in text
     assert embedded(page, "data")["when"][0]["intervals"] == {"*": [[0.25, 0.5]]}
+
+
+def test_a_fitted_function_is_not_spelled_out(report):
+    force = ResidualForce("hinge", weights=np.ones((3, 1)))
+    evidence = replace(report.evidence, effects=(*report.evidence.effects, force))
+    text = Loads(html_page(replace(report, evidence=evidence), "KeyCLD/Pendulum-v0", "corrected.xml")).text
+    assert "a fitted function" in text and "ResidualForce" not in text
+    assert call(force) == 'ResidualForce("hinge", features=..., weights=...)'
 
 
 def test_nothing_missing_is_said_so(report):

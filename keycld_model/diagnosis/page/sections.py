@@ -11,7 +11,7 @@ from keycld_model.diagnosis.native import native
 from keycld_model.diagnosis.page.geometry import HINGE
 from keycld_model.diagnosis.page.mathml import mathml
 from keycld_model.diagnosis.report import Estimate, Finding, Report
-from keycld_model.diagnosis.words import call, effect_name, error, in_sentence, measured, place
+from keycld_model.diagnosis.words import call, effect_name, error, in_sentence, measured, place, spelled_out
 
 
 def error_unit(model: mujoco.MjModel) -> str:
@@ -147,7 +147,7 @@ def nuisances(report: Report, model: mujoco.MjModel) -> str:
 
 def code(evidence: Evidence, environment: str | None, corrected: str | None) -> str:
     """Python that simulates what was found."""
-    moving = [e for e in evidence.effects if not e.observes]
+    moving = [e for e in evidence.effects if not e.observes and spelled_out(e)]
     blocks = []
     if environment is not None and moving:
         names = ", ".join(sorted({type(e).__name__ for e in moving}))
@@ -156,7 +156,7 @@ def code(evidence: Evidence, environment: str | None, corrected: str | None) -> 
         blocks.append(("The environment with the physics that it lacks, its masses and lengths as they were.", lines))
     if corrected is not None:
         lines = ["import mujoco", "", f'model = mujoco.MjModel.from_xml_path("{corrected}")']
-        rest = [e for e in native(evidence.refitted, evidence.effects).others if not e.observes]
+        rest = [e for e in native(evidence.refitted, evidence.effects).others if e in moving]
         what = f"The corrected simulator: masses and lengths refitted{', physics added' if moving else ''}."
         if rest:
             what = (
@@ -164,7 +164,12 @@ def code(evidence: Evidence, environment: str | None, corrected: str | None) -> 
             )
             lines = [*_stepping(rest, lines)]
         blocks.append((what, lines))
-    return "".join(
+    functions = [e for e in evidence.effects if not spelled_out(e)]
+    missing = (
+        "<p>Not in these lines: what has no name is a fitted function, in <code>report.evidence.effects</code> of "
+        "<code>keycld_model.diagnosis.diagnose</code>.</p>"
+    )
+    return (missing if functions else "") + "".join(
         f'<p>{escape(text)}</p><div class="code"><button type="button">Copy</button><pre><code>'
         f"{escape(chr(10).join(lines))}</code></pre></div>"
         for text, lines in blocks
