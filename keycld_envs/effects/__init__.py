@@ -7,9 +7,11 @@ from keycld_envs.effects.actuator_lag import ActuatorLag
 from keycld_envs.effects.actuator_saturation import ActuatorSaturation
 from keycld_envs.effects.added_inertia import AddedInertia
 from keycld_envs.effects.asymmetric_friction import AsymmetricFriction
+from keycld_envs.effects.backlash import Backlash
 from keycld_envs.effects.base import Effect as Effect
 from keycld_envs.effects.base import Parameter as Parameter
 from keycld_envs.effects.base import parameter as parameter
+from keycld_envs.effects.base_motion import BaseMotion
 from keycld_envs.effects.clock_drift import ClockDrift
 from keycld_envs.effects.cogging import Cogging
 from keycld_envs.effects.constant_force import ConstantForce
@@ -18,6 +20,10 @@ from keycld_envs.effects.end_stop import EndStop
 from keycld_envs.effects.external_periodic import ExternalPeriodic
 from keycld_envs.effects.external_pulse import ExternalPulse
 from keycld_envs.effects.gravity_tilt import GravityTilt
+from keycld_envs.effects.hysteretic_friction import HystereticFriction
+from keycld_envs.effects.joint_flexibility import JointFlexibility
+from keycld_envs.effects.load_dependent_friction import LoadDependentFriction
+from keycld_envs.effects.parameter_drift import ParameterDrift
 from keycld_envs.effects.position_dependent_friction import PositionDependentFriction
 from keycld_envs.effects.quadratic_drag import QuadraticDrag
 from keycld_envs.effects.sensor_latency import SensorLatency
@@ -34,6 +40,12 @@ EFFECTS: dict[str, type[Effect]] = {
         ActuatorLag,
         ActuatorSaturation,
         AddedInertia,
+        ParameterDrift,
+        LoadDependentFriction,
+        JointFlexibility,
+        HystereticFriction,
+        BaseMotion,
+        Backlash,
         AsymmetricFriction,
         ClockDrift,
         Cogging,

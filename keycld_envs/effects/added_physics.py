@@ -23,6 +23,7 @@ class AddedPhysics:
     def __init__(self, effects: Sequence[Effect], model: mujoco.MjModel) -> None:
         self.effects, self.model = tuple(effects), model
         self._past: deque[Array] = deque(maxlen=MEMORY)
+        self._memory: list[Array] = []
         for effect in self.effects:
             if not isinstance(effect, Effect):
                 raise InputError(f"effects has {effect!r}; it must hold effects of keycld_envs.effects.")
@@ -38,16 +39,20 @@ class AddedPhysics:
         """Forget the past, in which no command was given."""
         self._past.clear()
         self._past.append(np.zeros(self.model.nu))
+        self._memory = [effect.begin(self.model, np.zeros(self.model.nv)) for effect in self.effects]
 
     def steps(self, data: mujoco.MjData, number: int) -> Iterator[int]:
         """Before each of the next steps, set what motors get for the controls now set, and the forces."""
         self._past.append(data.ctrl.copy())
+        h = float(self.model.opt.timestep)
         u = np.repeat(np.array(self._past), number, axis=0)
         for effect in self.effects:
-            u = effect.command(self.model, u, self.model.opt.timestep)
+            u = effect.command(self.model, u, h)
         for step in range(number):
             data.ctrl[:] = command = u[step - number]
             time, q, v = np.array(data.time), data.qpos.copy(), data.qvel.copy()
-            forces = (effect.force(self.model, time, q, v, command) for effect in self.effects)
-            data.qfrc_applied[:] = sum(forces, np.zeros(self.model.nv))
+            data.qfrc_applied[:] = 0
+            for i, effect in enumerate(self.effects):
+                force, self._memory[i] = effect.advance(self.model, self._memory[i], time, q, v, command, h)
+                data.qfrc_applied[:] += force
             yield step

@@ -53,18 +53,20 @@ def parameter(
 class Effect(ABC):
     """Physics at one place. It changes one slot of the equations; the others stay as they are.
 
-    Subclasses override at least one of `edit`, `command`, `force`, and `observe`. All are functions of arrays of any
-    leading shape, without memory beyond their arguments, so that an environment, a batch of rollouts and a diagnosis
-    use the same code.
+    Subclasses override at least one of `edit`, `command`, `force`, and `observe`, or, with a memory, `begin` and
+    `advance`. All are functions of arrays of any leading shape, without memory beyond their arguments, so that an
+    environment, a batch of rollouts and a diagnosis use the same code.
 
     Attributes:
         where: name of the joint, actuator or body.
+        memory: how many numbers the effect remembers from step to step.
     """
 
     id: ClassVar[str]
     family: ClassVar[str]
     kind: ClassVar[Kind]
     equation: ClassVar[str]
+    memory: ClassVar[int] = 0
 
     where: str
 
@@ -85,7 +87,7 @@ class Effect(ABC):
     @property
     def forces(self) -> bool:
         """The effect adds a force."""
-        return type(self).force is not Effect.force
+        return self.memory > 0 or type(self).force is not Effect.force
 
     @property
     def observes(self) -> bool:
@@ -102,6 +104,16 @@ class Effect(ABC):
     def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
         """Generalised force `[..., nv]` at times `[...]`, for `[..., nq]`, `[..., nv]`, and commands `[..., nu]`."""
         return np.zeros_like(v)
+
+    def begin(self, model: mujoco.MjModel, v: Array) -> Array:
+        """Memory `[..., memory]` at the start of a motion with velocities `[..., nv]`."""
+        return np.zeros((*v.shape[:-1], self.memory))
+
+    def advance(
+        self, model: mujoco.MjModel, memory: Array, t: Array, q: Array, v: Array, u: Array, h: float
+    ) -> tuple[Array, Array]:
+        """Mean force over a step of h seconds, see `force`, and the memory after it."""
+        return self.force(model, t, q, v, u), memory
 
     def observe(self, t: Array) -> Array:
         """Times of the motion that a sensor shows at its times `[...]`."""
@@ -126,7 +138,7 @@ class JointEffect(Effect):
     @property
     def forces(self) -> bool:
         """The effect adds a torque."""
-        return type(self).torque is not JointEffect.torque
+        return self.memory > 0 or type(self).torque is not JointEffect.torque
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """N m or N at times, for positions and velocities of this joint, all `[...]`."""
@@ -163,6 +175,59 @@ class ActuatorEffect(Effect):
 
 
 @dataclass(frozen=True)
+class TransmissionEffect(ActuatorEffect):
+    """An effect between a motor, whose rotor has an inertia of its own, and its joint.
+
+    Memory: the rotor's angle and speed relative to the joint, in joint coordinates.
+    """
+
+    family: ClassVar[str] = "structure"
+    memory: ClassVar[int] = 2
+    substeps: ClassVar[int] = 40
+
+    @property
+    def forces(self) -> bool:
+        """The effect changes the torque that reaches the joint."""
+        return True
+
+    @property
+    @abstractmethod
+    def rotor(self) -> float:
+        """Its inertia, kg m^2."""
+
+    def begin(self, model: mujoco.MjModel, v: Array) -> Array:
+        """The rotor goes with its joint."""
+        speed = v[..., self._dof(model)]
+        return np.stack([np.zeros_like(speed), speed], axis=-1)
+
+    def _dof(self, model: mujoco.MjModel) -> int:
+        return int(model.jnt_dofadr[model.actuator(self.where).trnid[0]])
+
+    @abstractmethod
+    def coupling(self, twist: Array, slip: Array) -> Array:
+        """Torque on the joint, N m, for the rotor's relative angle and speed."""
+
+    def advance(
+        self, model: mujoco.MjModel, memory: Array, t: Array, q: Array, v: Array, u: Array, h: float
+    ) -> tuple[Array, Array]:
+        """What reaches the joint in place of the motor's torque; the joint's speed is constant over the step."""
+        if self.rotor < LIGHTEST:
+            return np.zeros_like(v), memory
+        i, dof = int(model.actuator(self.where).id), self._dof(model)
+        motor = model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0] * u[..., i]
+        twist, speed, dt = memory[..., 0], memory[..., 1], h / self.substeps
+        total = np.zeros_like(motor)
+        for _ in range(self.substeps):
+            torque = self.coupling(twist, speed - v[..., dof])
+            total += torque
+            speed = speed + dt * (motor - torque) / self.rotor
+            twist = twist + dt * (speed - v[..., dof])
+        out = np.zeros_like(v)
+        out[..., dof] = total / self.substeps - motor
+        return out, np.stack([twist, speed], axis=-1)
+
+
+@dataclass(frozen=True)
 class WorldEffect(Effect):
     """An effect of the surroundings."""
 
@@ -187,6 +252,10 @@ class SensorEffect(Effect):
     def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
         """One, for all joints."""
         return (cls(),)
+
+
+LIGHTEST = 1e-4
+"""Inertia of a rotor, kg m^2, below which it follows its joint."""
 
 
 def smooth_sign(speed: Array) -> Array:

@@ -15,6 +15,8 @@ BINS = 16
 """Times in a window at which a pulse may start and end at first."""
 PRICE = 20.0
 """Nats that a pulse must gain: three numbers of its own, and its time and joint were searched for."""
+FURTHER = 60.0
+"""Nats that pulses at a further joint must gain: short pulses at different joints look alike."""
 CONTINUED = 5.0
 """Nats that its continuation into the next window must gain."""
 ROUNDS, TIMING = 4, 6
@@ -39,8 +41,9 @@ def pushed(fit: Fit) -> Fit:
 
 
 def price(fit: Fit) -> float:
-    """Cost of a fit with its pulses paid for."""
-    return fit.cost + PRICE * len(fit.point.variant.pulses)
+    """Cost of a fit with its pulses paid for, and each further joint that they act on."""
+    pulses = fit.point.variant.pulses
+    return fit.cost + PRICE * len(pulses) + FURTHER * max(0, len({p.dof for p in pulses}) - 1)
 
 
 def with_pulses(fit: Fit, joints: Sequence[int] | None = None) -> Fit:

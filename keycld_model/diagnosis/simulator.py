@@ -154,6 +154,12 @@ class Simulator:
         rows = np.concatenate([np.arange(i * w, (i + 1) * w) for i in forced])
         batch, state = [batch[i] for i in rows], state[rows]
         speed = np.zeros((len(forced), w, nv))
+        memories = {
+            (i, effect): effect.begin(models[which[row]], v[row])
+            for i, row in enumerate(forced)
+            for effect in variants[which[row]].effects
+            if effect.forces
+        }
         for k in range(s):
             now = state[:, 1 : 1 + 2 * nv].reshape(len(forced), w, -1)
             q0, v0 = now[..., :nv], now[..., nv:]
@@ -164,9 +170,16 @@ class Simulator:
             for i, row in enumerate(forced):
                 for effect in variants[which[row]].effects:
                     if effect.forces:
-                        control[row, :, k, nu:] += effect.force(
-                            self.model, time, middle[0][i], middle[1][i], control[row, :, k, :nu]
+                        force, memories[i, effect] = effect.advance(
+                            models[which[row]],
+                            memories[i, effect],
+                            time,
+                            middle[0][i],
+                            middle[1][i],
+                            control[row, :, k, :nu],
+                            self.step,
                         )
+                        control[row, :, k, nu:] += force
             state = self._run(batch, state, np.ascontiguousarray(control[forced, :, k].reshape(len(rows), 1, -1)))[:, 0]
             path[forced, :, k + 1] = state[:, 1 : 1 + 2 * nv].reshape(len(forced), w, -1)
         return path[..., :nv], path[..., nv:], commands

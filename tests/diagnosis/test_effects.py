@@ -19,8 +19,9 @@ def one_step(model, effects):
         data.ctrl[:] = effect.command(model, np.repeat(data.ctrl[None], 5, axis=0), 0.01)[-1]
     mujoco.mj_setConst(model, mujoco.MjData(model))
     for effect in effects:
-        force = effect.force(model, np.array(0.05), data.qpos.copy(), data.qvel.copy(), data.ctrl.copy())
-        data.qfrc_applied[:] += force
+        memory = effect.begin(model, data.qvel)
+        state = data.qpos.copy(), data.qvel.copy(), data.ctrl.copy()
+        data.qfrc_applied[:] += effect.advance(model, memory, np.array(0.05), *state, 0.01)[0]
     mujoco.mj_step(model, data)
     times = np.array([0.5])
     for effect in effects:

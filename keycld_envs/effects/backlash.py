@@ -1,0 +1,33 @@
+"""Play between a motor and its joint."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from keycld_envs.effects.base import Array, TransmissionEffect, parameter
+
+CONTACT, DAMPING = 250.0, 0.3
+"""Angular frequency (rad/s) and damping ratio of the rotor in contact."""
+
+
+@dataclass(frozen=True)
+class Backlash(TransmissionEffect):
+    """Teeth with a gap of 2*g: the rotor runs free inside, and hits the flanks."""
+
+    id: ClassVar[str] = "backlash"
+    equation: ClassVar[str] = "tau = k*dz(theta - q, g), j*d2theta/dt2 = u - tau"
+
+    j: float = parameter("kg m^2", 0.002, low=0.0)
+    g: float = parameter("rad", 0.01, low=0.001, high=0.5, grid=(0.02, 0.08))
+
+    @property
+    def rotor(self) -> float:
+        """Inertia j."""
+        return self.j
+
+    def coupling(self, twist: Array, slip: Array) -> Array:
+        """Zero inside the gap, a stiff spring with damping at its flanks."""
+        pressed = twist - np.clip(twist, -self.g, self.g)
+        stiffness = self.j * CONTACT**2
+        return np.where(pressed == 0, 0.0, stiffness * pressed + 2 * DAMPING * self.j * CONTACT * slip)

@@ -1,0 +1,29 @@
+"""A shaft that twists between a motor and its joint."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from keycld_envs.effects.base import Array, TransmissionEffect, parameter
+
+DAMPING = 0.05
+"""Ratio, of the rotor against a fixed joint."""
+
+
+@dataclass(frozen=True)
+class JointFlexibility(TransmissionEffect):
+    """A spring between a rotor and the link (Spong, 1987)."""
+
+    id: ClassVar[str] = "joint_flexibility"
+    equation: ClassVar[str] = "tau = k*(theta - q), j*d2theta/dt2 = u - tau"
+
+    j: float = parameter("kg m^2", 0.002, low=0.0)
+    k: float = parameter("N m/rad", 1.0, low=0.5, high=2000.0, grid=(5.0, 20.0, 80.0))
+
+    @property
+    def rotor(self) -> float:
+        """Inertia j."""
+        return self.j
+
+    def coupling(self, twist: Array, slip: Array) -> Array:
+        """Spring and a little damping."""
+        return self.k * twist + 2 * DAMPING * (self.k * self.j) ** 0.5 * slip

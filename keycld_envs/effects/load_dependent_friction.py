@@ -1,0 +1,53 @@
+"""Dry friction of a bearing that carries a load."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from keycld_envs.effects.base import Array, JointEffect, parameter, smooth_sign
+
+
+@dataclass(frozen=True)
+class LoadDependentFriction(JointEffect):
+    """Friction in proportion to the force N in the bearing; of a slide, its part across the rail.
+
+    N is that of the motion without this friction. Of a hinge, mu includes the radius of the pin.
+    """
+
+    id: ClassVar[str] = "load_dependent_friction"
+    family: ClassVar[str] = "dissipation"
+    equation: ClassVar[str] = "tau = -mu*|N|*sign(qd)"
+
+    mu: float = parameter("m or 1", 0.002, low=0.0)
+
+    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """Against the motion."""
+        dof, out = self.dof(model), np.zeros_like(v)
+        if self.mu > 0:
+            out[..., dof] = -self.mu * self._load(model, q, v, u) * smooth_sign(v[..., dof])
+        return out
+
+    @property
+    def forces(self) -> bool:
+        """The effect adds a force."""
+        return True
+
+    def _load(self, model: mujoco.MjModel, q: Array, v: Array, u: Array) -> Array:
+        """Force in the bearing, N."""
+        joint = model.joint(self.where)
+        body, slides = int(joint.bodyid[0]), joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE
+        data, shape = mujoco.MjData(model), v.shape[:-1]
+        rows = zip(*(x.reshape(-1, x.shape[-1]) for x in (q, v, u)), strict=True)
+        out = []
+        for position, velocity, command in rows:
+            data.qpos[:], data.qvel[:], data.ctrl[:] = position, velocity, command
+            mujoco.mj_forward(model, data)
+            mujoco.mj_rnePostConstraint(model, data)
+            load = data.cfrc_int[body, 3:].copy()
+            if slides:
+                axis = data.xaxis[joint.id]
+                load -= axis * (axis @ load)
+            out.append(np.linalg.norm(load))
+        return np.array(out).reshape(shape)

@@ -1,0 +1,46 @@
+"""A link that loses mass while it is recorded."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from keycld_envs.effects.base import Array, Effect, parameter
+
+
+@dataclass(frozen=True)
+class ParameterDrift(Effect):
+    """The mass of a body changes linearly in time: something leaks, or builds up."""
+
+    id: ClassVar[str] = "parameter_drift"
+    family: ClassVar[str] = "time-varying"
+    kind: ClassVar = "body"
+    equation: ClassVar[str] = "m(t) = m*(1 + r*t)"
+
+    r: float = parameter("1/s", 0.01, low=-0.2, high=0.5)
+
+    @classmethod
+    def candidates(cls, model: mujoco.MjModel) -> tuple["ParameterDrift", ...]:
+        """Every body that moves in joints of its own."""
+        return tuple(cls(model.body(b).name) for b in range(1, model.nbody) if model.body_dofnum[b])
+
+    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """What gives the model the acceleration that it would have with the other mass."""
+        if self.r == 0:
+            return np.zeros_like(v)
+        body, data = model.body(self.where).id, mujoco.MjData(model)
+        mass, inertia = float(model.body_mass[body]), model.body_inertia[body].copy()
+        flat = [x.reshape(-1, x.shape[-1]) for x in (q, v, u)]
+        out = np.zeros((len(flat[0]), model.nv))
+        times = np.broadcast_to(t, v.shape[:-1]).ravel()
+        for row, time, position, velocity, command in zip(out, times, *flat, strict=True):
+            data.qpos[:], data.qvel[:], data.ctrl[:] = position, velocity, command
+            factor = max(0.05, 1 + self.r * float(time))
+            model.body_mass[body], model.body_inertia[body] = factor * mass, factor * inertia
+            mujoco.mj_forward(model, data)
+            acceleration = data.qacc.copy()
+            model.body_mass[body], model.body_inertia[body] = mass, inertia
+            mujoco.mj_forward(model, data)
+            mujoco.mj_mulM(model, data, row, acceleration - data.qacc)
+        return out.reshape(v.shape)
