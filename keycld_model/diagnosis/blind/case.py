@@ -113,15 +113,16 @@ class Case:
             rng = self.stream(run, attempt, "drive")
             level = float(self.levels[run]) * 0.85**attempt
             ticks, times = ticks_and_times(self.rate, SECONDS, self.jitter, rng)
+            clock = ticks.astype(np.float64) / 1e3
             smooth = self.smooth == (run < TRAINING)
-            chosen = drive(habits, plan.excitation, level, smooth, ticks * 1e-3, self.noise, self.zero, rng)
+            chosen = drive(habits, plan.excitation, level, smooth, clock, self.noise, self.zero, rng)
             path = self.plant.simulate(
                 chosen.q, chosen.v, ticks, chosen.controller, self.stream(run, attempt, "mechanisms"), SECONDS, FASTEST
             )
             if path is not None:
                 true = path.at(self.plant.seen(times))
                 noise = self.zero + self.stream(run, attempt, "noise").normal(0, self.noise, true.shape)
-                return Signals(ticks * 1e-3, path.commands, times, true, noise, level, attempt)
+                return Signals(clock, path.commands, times, true, noise, level, attempt)
         return None
 
 

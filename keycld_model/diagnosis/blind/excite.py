@@ -151,10 +151,8 @@ def ticks_and_times(
 ) -> tuple[NDArray[np.int64], Array]:
     """Steps (ms) at which commands change, and times (s) of samples; with jitter neither is regular."""
     number, period = round(rate * seconds), 1 / rate
-    ticks, times = (
-        np.round(np.arange(number) * period * 1e3).astype(np.int64),
-        np.arange(number, dtype=np.float64) * period,
-    )
+    times: Array = np.arange(number, dtype=np.float64) * period
+    ticks = np.round(times * 1e3).astype(np.int64)
     if jitter:
         ticks[1:] += rng.integers(-1, 2, number - 1)
         times = np.clip(times + rng.uniform(-0.12, 0.12, number) * period, 0.0, None)
