@@ -1,6 +1,7 @@
 """The physics of sealed cases against closed forms and energy; every mechanism does something."""
 
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,7 +20,7 @@ MASS, LENGTH, INERTIA, GEAR = 1.0, 0.5, 0.251, 2.0
 """Of the pendulum: kg, m, kg m^2 about the hinge, N m per command."""
 
 
-def run(mechanisms, q=2.0, v=0.0, u=0.0, seconds=1.0, gravity=True, system="pendulum") -> Path:
+def run(mechanisms, q: Any = 2.0, v: Any = 0.0, u=0.0, seconds=1.0, gravity=True, system="pendulum") -> Path:
     """The motion for commands that are zero until 50 ms, then u."""
     model = get_system(system).compile()
     if not gravity:

@@ -13,6 +13,10 @@ Method = Callable[[Sequence[Recording], Sequence[Recording], mujoco.MjModel], di
 """The report has the fields of `keycld.diagnosis/1` that it can fill: verdict, findings, unexplained, fit."""
 METHODS = {
     "diagnose": "keycld_model.diagnosis.blind.methods:diagnose",
+    "refit": "keycld_model.diagnosis.blind.baselines.refit:refit",
+    "greedy": "keycld_model.diagnosis.blind.baselines.greedy:greedy",
+    "sindy": "keycld_model.diagnosis.blind.baselines.sindy:sindy",
+    "neural": "keycld_model.diagnosis.blind.baselines.neural:neural",
 }
 """Where each is, by name; a place of one's own is "module:function" too."""
 
