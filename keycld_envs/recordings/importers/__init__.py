@@ -1,0 +1,8 @@
+"""Recordings from files of other programs: each importer reads a table, `assemble` makes a recording of it."""
+
+from keycld_envs.recordings.importers.csv import read_csv
+from keycld_envs.recordings.importers.mapping import Columns, assemble
+from keycld_envs.recordings.importers.mat import read_mat
+from keycld_envs.recordings.importers.table import Table
+
+__all__ = ["Columns", "Table", "assemble", "read_csv", "read_mat"]

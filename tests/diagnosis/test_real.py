@@ -1,0 +1,134 @@
+"""Real recordings: their import, the protocol of the gates, and how they are scored."""
+
+import os
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from keycld_control.cli import main
+from keycld_envs.effects import CoulombFriction, QuadraticDrag, ViscousFriction
+from keycld_model.diagnosis.real import GATES, Curve, GateResult, dfki, r1, r2, r3, r4, r6
+from keycld_model.diagnosis.real.plots import write_page
+from keycld_model.diagnosis.real.replay import refit, roll
+from keycld_model.diagnosis.report import Estimate, Finding, FitErrors, Report, Unexplained
+from keycld_model.diagnosis.simulator import Simulator
+
+DATA = Path(os.environ.get("KEYCLD_REAL", Path(__file__).parents[2].parent / "shared" / "real"))
+real = [pytest.mark.real, pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} does not exist")]
+
+
+def report(*pulses: tuple[str, float, float, float]) -> Report:
+    findings = [
+        Finding(
+            "external_pulse",
+            "force",
+            {"kind": "joint", "name": joint},
+            {
+                name: Estimate(value, "", value, value)
+                for name, value in {"f": f, "start": a, "duration": b - a}.items()
+            },
+            "",
+            1.0,
+            [],
+        )
+        for joint, a, b, f in pulses
+    ]
+    return Report("mismatch", "", findings, {}, Unexplained(False, 0, None, ""), FitErrors("", "", 1, 1, 1), [])
+
+
+def test_pushes_are_scored_by_overlap_joint_and_samples() -> None:
+    t = 0.01 * np.arange(300)
+    torque = np.zeros((300, 2))
+    torque[:, 0] = 0.6 * np.exp(-(((t - 1) / 0.1) ** 2)) + 0.1 * np.exp(-(((t - 2) / 0.1) ** 2))
+    ((a, b),) = r1.true_windows(t, torque[:, 0])
+    assert (a, b) == (pytest.approx(0.85, abs=0.01), pytest.approx(1.15, abs=0.01))
+    right = r1.score(report(("shoulder", a, b, 0.5)), t, torque)
+    assert right["overlaps"] == [1.0] and right["false"] == 0
+    assert right["auc"] == pytest.approx(0.8, abs=0.15)
+    wrong = r1.score(report(("elbow", a, b, 0.5)), t, torque)
+    assert (wrong["overlaps"], wrong["false"]) == ([0.0], 1)
+    assert isinstance(wrong["auc"], float) and wrong["auc"] < 0.5
+    assert r1.score(report(), t, np.zeros_like(torque)) == {"overlaps": [], "false": 0, "auc": None}
+
+
+@pytest.mark.parametrize("score, expected", [([1, 2, 3, 4], 1.0), ([4, 3, 2, 1], 0.0), ([1, 1, 1, 1], 0.5)])
+def test_area_under_the_curve(score: list[float], expected: float) -> None:
+    assert r1.auc(np.array(score, float), np.array([False, False, True, True])) == expected
+
+
+def test_rigs_have_the_inertias_of_their_owners() -> None:
+    """Mass matrix and gravity at two angles, by the textbook, rotor included."""
+    model = dfki.simulator()
+    data, dense = mujoco.MjData(model), np.empty((2, 2))
+    for elbow in (0.0, 1.0):
+        data.qpos[:] = 0.3, elbow
+        mujoco.mj_forward(model, data)
+        for j in range(2):
+            mujoco.mj_mulM(model, data, dense[j], np.eye(2)[j])
+        i1, i2, m2, r2, l1 = 0.031887199591513114, 0.05086984812807257, 0.6255677234174437, 0.25569305436052964, 0.2
+        coupling, rotor = m2 * l1 * r2 * np.cos(elbow), 36 * 6.287203962819607e-05
+        assert dense[0, 0] == pytest.approx(i1 + i2 + m2 * l1**2 + 2 * coupling + rotor)
+        assert dense[0, 1] == pytest.approx(i2 + coupling)
+        assert dense[1, 1] == pytest.approx(i2 + rotor)
+        assert data.qfrc_bias[1] == pytest.approx(9.81 * m2 * r2 * np.sin(0.3 + elbow))
+    hanging = r3.simulator()
+    data = mujoco.MjData(hanging)
+    data.qpos[:] = np.pi + 0.01
+    mujoco.mj_forward(hanging, data)
+    assert data.qacc[0] == pytest.approx(-64.29 * np.sin(0.01), rel=1e-3)
+
+
+def test_the_page_of_a_gate_shows_what_was_required(tmp_path: Path) -> None:
+    t = np.linspace(0, 1, 20)
+    curve = Curve("run, hinge", "rad", t, np.sin(t), {"refitted": np.sin(t) + 0.1, "corrected": np.sin(t)})
+    write_page(GateResult("R9", "a rig", "to swing", "swings", False, {}, 1.0, curves=[curve]), tmp_path / "R9.html")
+    page = (tmp_path / "R9.html").read_text()
+    assert "required: to swing" in page and "not reached" in page and "run, hinge" in page
+    assert "https://cdn" not in page.split("<script")[1]
+
+
+def test_a_wrong_folder_or_gate_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words, message in (
+        ([str(tmp_path / "none")], "is no folder; docs/real-data.md"),
+        ([str(tmp_path), "--only", "R3,R7"], f"--only names 'R7'; there are {', '.join(GATES)}."),
+        ([str(tmp_path), "--only", "r4"], "lab1_data.txt does not exist; docs/real-data.md"),
+    ):
+        assert main(["real", *words]) == 2
+        assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("case", [pytest.param("", marks=real)])
+def test_recordings_are_what_the_documentation_says(case: str) -> None:
+    training, held_out = r3.recordings(DATA)
+    assert [len(np.asarray(r.t_state)) for r in (*training, *held_out)] == [9167] * 5 + [9166]
+    string = np.asarray(r4.recording(DATA).t_state)
+    assert (len(string), string[-1]) == (2330, pytest.approx(116.41, abs=0.01))
+    motor = r6.recording(DATA, r6.TRAINING)
+    assert np.ptp(np.asarray(motor.action)) > 30
+    logged = dfki.table(DATA, r1.PUSHED["acrobot"])
+    pushes = dfki.pushes(logged)
+    found = [r1.true_windows(logged.column("time"), pushes[:, j]) for j in range(2)]
+    assert [len(f) for f in found] == [2, 2]
+    logged = dfki.table(DATA, r2.TRAINING[0])
+    v = logged.column("vel_filt2")
+    formula = 0.001 * v + 0.12 * np.arctan(100 * v)
+    assert np.abs(formula - logged.column("tau_fric2")).max() < 1e-9
+
+
+@pytest.mark.parametrize("case", [pytest.param("", marks=real)])
+def test_two_dissipation_terms_together_explain_what_either_makes_worse(case: str) -> None:
+    """The figures of gate R3: viscous friction alone leaves 6.5 and 16.3 mrad."""
+    training, held_out = r3.recordings(DATA)
+    simulator = Simulator(r3.simulator(), 0.009)
+    hinge, errors = "hinge", {}
+    for name, effects in {
+        "viscous": (ViscousFriction(hinge, 1e-4),),
+        "coulomb and drag": (CoulombFriction(hinge, 3e-4), QuadraticDrag(hinge, 1e-5)),
+    }.items():
+        fitted = refit(simulator, effects, training, r3.SECONDS)
+        rollouts = roll(simulator, fitted, held_out, r3.SECONDS)
+        errors[name] = [rollouts.error(i) for i in range(2)]
+    assert errors["viscous"] == [pytest.approx(6.5, abs=0.5), pytest.approx(16.3, abs=0.5)]
+    assert max(np.array(errors["coulomb and drag"]) / errors["viscous"]) < 0.6

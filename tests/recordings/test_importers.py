@@ -1,0 +1,176 @@
+"""Files of other programs become recordings, and what cannot is named by file, column and line."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import io
+
+from keycld_control.cli import main
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import read_recording
+from keycld_envs.recordings.importers import Columns, Table, assemble, read_csv, read_mat
+
+COLUMNS = Columns("t", {"hinge": "angle"}, {"hinge": "speed"}, {"motor": "torque"})
+
+
+def write(tmp_path: Path, text: str, encoding: str = "utf-8") -> Path:
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding=encoding)
+    return path
+
+
+@pytest.mark.parametrize(
+    "text, encoding",
+    [
+        ("t,angle\n0,1.5\n0.1,\n0.3,NaN\n", "utf-8"),
+        ("t; angle\n0; 1.5\n0.1; nan\n0.3; \n", "utf-8-sig"),
+        ("# a comment\nt\tangle\n0\t1.5\n\n0.1\tNA\n0.3\t-\n", "utf-8"),
+        ('"t","angle"\r\n0,"1.5"\r\n0.1,null\r\n0.3,n/a\r\n', "utf-8"),
+    ],
+)
+def test_csv_of_any_dialect(tmp_path: Path, text: str, encoding: str) -> None:
+    table = read_csv(write(tmp_path, text, encoding))
+    np.testing.assert_array_equal(table.column("t"), [0, 0.1, 0.3])
+    np.testing.assert_array_equal(table.column("angle"), [1.5, np.nan, np.nan])
+
+
+def test_columns_without_a_header_and_the_end_of_a_killed_logger(tmp_path: Path) -> None:
+    path = write(tmp_path, "0 1\n0.1 2\n0.2")
+    table = read_csv(path, ["t", "angle"], drop_truncated_end=True)
+    np.testing.assert_array_equal(table.column("angle"), [1, 2])
+    with pytest.raises(InputError, match=r"log.csv, line 3 is truncated: it has 1 of 2 cells"):
+        read_csv(path, ["t", "angle"])
+    with pytest.raises(InputError, match=r"line 1: the header holds numbers; .* --columns"):
+        read_csv(path)
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("", "log.csv is empty"),
+        ("t,angle\n", "no rows"),
+        ("t,t\n0,1\n", "two columns are named 't'"),
+        ("t,angle\n0,1\n\n0.1,1e\n", r"log.csv, line 4, column 'angle': '1e' is no number"),
+        ("t,angle\n0,1\n0.1,1,2\n", r"line 3 is too long: it has 3 of 2 cells"),
+        ("t,angle\n0,1\n0.1\n0.2,1\n", r"line 3 is truncated"),
+    ],
+)
+def test_damaged_csv_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_csv(write(tmp_path, text), drop_truncated_end=True)
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    binary = tmp_path / "log.bin"
+    binary.write_bytes(b"\xff\xfe\x00\x01" * 50)
+    for read, message in ((read_csv, "UTF-8 text"), (read_mat, "damaged or no MATLAB file")):
+        with pytest.raises(InputError, match=message):
+            read(binary)
+        with pytest.raises(InputError, match="does not exist"):
+            read(tmp_path / "nothing")
+
+
+def test_a_recording_keeps_its_clock_converts_units_and_unwraps(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        "t,angle,speed,torque,wall\n0,170,1,250,5\n10,179,2,250,\n10,,,250,\n35,-178,3,0,\n",
+    )
+    units = {"t": "ms", "angle": "deg", "speed": "rpm", "torque": "mN m"}
+    columns = Columns("t", {"hinge": "angle"}, {"hinge": "speed"}, {"motor": "torque"}, units=units)
+    recording = assemble(read_csv(path), columns, "a", licence="MIT")
+    np.testing.assert_allclose(np.asarray(recording.t_state), [0, 0.01, 0.01, 0.035])
+    np.testing.assert_allclose(np.rad2deg(np.asarray(recording.qpos)[:, 0]), [170, 179, np.nan, 182])
+    np.testing.assert_allclose(np.asarray(recording.qvel)[:, 0], np.array([1, 2, np.nan, 3]) * np.pi / 30)
+    np.testing.assert_allclose(np.asarray(recording.action)[:, 0], [0.25, 0.25, 0.25, 0])
+    assert recording.units == {"qpos": ("rad",), "qvel": ("rad/s",), "action": ("N m",)}
+    assert (recording.source, recording.licence, recording.origin) == ("real", "MIT", "log.csv")
+
+
+def test_a_slide_in_metres_is_not_unwrapped_and_its_speed_is_in_metres_too() -> None:
+    table = Table(Path("x.csv"), {"t": np.arange(3.0), "x": np.array([0.0, 500, 0]), "v": np.ones(3)})
+    recording = assemble(table, Columns("t", {"cart": "x"}, {"cart": "v"}, units={"x": "cm"}), "a")
+    np.testing.assert_allclose(np.asarray(recording.qpos)[:, 0], [0, 5, 0])
+    assert recording.units == {"qpos": ("m",), "qvel": ("m/s",)}
+
+
+def test_a_missing_command_is_refused_unless_the_one_before_holds() -> None:
+    table = Table(Path("x.csv"), {"t": np.arange(3.0), "q": np.zeros(3), "u": np.array([1.0, np.nan, 2.0])}, (2, 3, 4))
+    strict = Columns("t", {"hinge": "q"}, actions={"motor": "u"})
+    holding = replace(strict, hold=True)
+    with pytest.raises(InputError, match=r"x.csv, line 3, column 'u': the command is missing"):
+        assemble(table, strict, "a")
+    held = assemble(table, holding, "a")
+    np.testing.assert_array_equal(np.asarray(held.action)[:, 0], [1, 1, 2])
+    first = Table(Path("x.csv"), {**table.columns, "u": np.array([np.nan, 1.0, 2.0])}, table.lines)
+    with pytest.raises(InputError, match="line 2, column 'u'"):
+        assemble(first, holding, "a")
+
+
+@pytest.mark.parametrize(
+    "changed, columns, message",
+    [
+        ({}, Columns("time", {"hinge": "q"}), r"no column 'time'; there are t, q, u"),
+        ({"t": [0.0, 2.0, 1.0]}, Columns("t", {"hinge": "q"}), r"line 4, column 't': 1 s comes after 2 s"),
+        ({"t": [0.0, np.nan, 1.0]}, Columns("t", {"hinge": "q"}), r"line 3, column 't': the time is missing"),
+        ({"q": [0.0, np.inf, 1.0]}, Columns("t", {"hinge": "q"}), r"line 3, column 'q': inf is no measurement"),
+        ({"q": [0.0, 1.0]}, Columns("t", {"hinge": "q"}), r"'q' has 2 values, its clock 't' has 3"),
+        ({}, Columns("t", {}), "no joint has a column"),
+        ({}, Columns("t", {"hinge": "q"}, {"knee": "q"}), r"velocities are named for \['knee'\]"),
+        ({}, Columns("t", {"hinge": "q"}, units={"q": "furlong"}), "unit 'furlong' of 'q' is unknown"),
+    ],
+)
+def test_what_cannot_be_a_recording_is_refused(changed: dict, columns: Columns, message: str) -> None:
+    values = {"t": [0.0, 1.0, 2.0], "q": [0.0, 1.0, 2.0], "u": [0.0, 0.0, 0.0]} | changed
+    table = Table(Path("x.csv"), {name: np.array(column) for name, column in values.items()}, (2, 3, 4))
+    with pytest.raises(InputError, match=message):
+        assemble(table, columns, "a")
+
+
+def test_mat_with_matrices_cells_structures_and_a_clock_of_the_actions(tmp_path: Path) -> None:
+    t = 0.001 * np.arange(5)
+    cells = np.empty(2, object)
+    cells[:] = [np.stack([t, 2 * t]), 3 * t[:, None]]
+    path = tmp_path / "log.mat"
+    io.savemat(path, {"T": t, "Y": cells, "s": {"u": t[:3] + 1, "tu": t[:3]}, "note": "words", "dt": 0.001})
+    table = read_mat(path)
+    assert set(table.columns) == {"T", "Y{0}[0]", "Y{0}[1]", "Y{1}", "s.u", "s.tu", "dt"}
+    np.testing.assert_array_equal(table.column("Y{0}[1]"), 2 * t)
+    recording = assemble(
+        table, Columns("T", {"a": "Y{0}[0]", "b": "Y{1}"}, actions={"m": "s.u"}, action_time="s.tu"), "x"
+    )
+    assert (np.asarray(recording.qpos).shape, np.asarray(recording.action).shape) == ((5, 2), (3, 1))
+    np.testing.assert_array_equal(np.asarray(recording.t_action), t[:3])
+
+
+def test_mat_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "log.mat"
+    header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, HDF5 schema 1.00 .".ljust(124) + b"\x00\x02IM"
+    path.write_bytes(header.ljust(512, b"\0") + b"\x89HDF\r\n\x1a\n")
+    with pytest.raises(InputError, match=r"v7.3 file \(HDF5\); save it .* '-v7'"):
+        read_mat(path)
+    io.savemat(path, {"note": "words"})
+    with pytest.raises(InputError, match="holds no numeric arrays"):
+        read_mat(path)
+    io.savemat(path, {"x": np.arange(1000.0)})
+    path.write_bytes(path.read_bytes()[:-500])
+    with pytest.raises(InputError, match="damaged or no MATLAB file"):
+        read_mat(path)
+
+
+def test_the_command_writes_a_recording_or_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(tmp_path, "t,a,b,u\n0,0,90,1\n0.1,1,91,\n0.2,2,92,2\n")
+    words = ["import", str(path), "--out", str(tmp_path / "r"), "--time", "t", "--joint", "shoulder=a"]
+    words += ["--joint", "elbow=b", "--action", "motor=u", "--unit", "b=deg", "--licence", "MIT", "--json"]
+    assert main(words) == 2
+    assert "line 3, column 'u': the command is missing" in capsys.readouterr().err
+    assert not (tmp_path / "r").exists()
+    assert main([*words, "--hold"]) == 0
+    assert json.loads(capsys.readouterr().out)["samples"] == 3
+    recording = read_recording(tmp_path / "r")
+    assert recording.joint_names == ("shoulder", "elbow")
+    np.testing.assert_allclose(np.asarray(recording.qpos)[:, 1], np.deg2rad([90, 91, 92]))
+    assert main([*words, "--hold", "--joint", "elbow"]) == 2
+    assert "--joint 'elbow' is not NAME=COLUMN" in capsys.readouterr().err
