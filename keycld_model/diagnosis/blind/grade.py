@@ -15,7 +15,8 @@ from keycld_model.diagnosis.blind.case import TRAINING, Case, Signals, recording
 from keycld_model.diagnosis.blind.mechanism import Array
 from keycld_model.diagnosis.diagnose import SAMPLES, WINDOWS, thin
 from keycld_model.diagnosis.fit import Problem
-from keycld_model.diagnosis.simulator import Simulator, load_model
+from keycld_model.diagnosis.simulator import Simulator
+from keycld_model.diagnosis.source import Source
 from keycld_model.diagnosis.windows import Windows, cut
 
 Grade = Literal["hidden", "marginal", "clear"]
@@ -88,4 +89,4 @@ def gains(case: Case, signals: Sequence[Signals]) -> tuple[float, list[float]]:
 
 @lru_cache(maxsize=8)
 def _simulator(system: str, step: float) -> Simulator:
-    return Simulator(load_model(None, system), step, threads=1)
+    return Simulator(Source.of_environment(system).model, step, threads=1)

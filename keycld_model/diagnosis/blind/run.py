@@ -12,7 +12,7 @@ from keycld_envs.progress import progress
 from keycld_envs.recordings import read_dataset
 from keycld_model.diagnosis.blind.make import SCHEMA, each, name
 from keycld_model.diagnosis.blind.methods import METHODS, get_method
-from keycld_model.diagnosis.simulator import load_model
+from keycld_model.diagnosis.source import Source
 
 
 def run(out: Path, method: str = "diagnose", workers: int = 1) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def _run(out: Path, method: str, index: int) -> None:
     folder = out / "cases" / name(index)
     training = read_dataset(folder / "training").recordings
     held_out = read_dataset(folder / "held_out").recordings
-    model = load_model(None, training[0].system)
+    model = Source.of(None, training[0].system).model
     wall, cpu, report, failure = time.perf_counter(), time.process_time(), None, None
     try:
         report = get_method(method)(training, held_out, model)
