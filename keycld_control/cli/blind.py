@@ -44,7 +44,10 @@ def run(args: Args) -> None:
     if args.action == "make":
         from keycld_model.diagnosis.blind.make import Settings, make
 
-        print_result(make(args.out, Settings(args.seed, args.cases), args.workers), as_json=args.json)
+        manifest = make(args.out, Settings(args.seed, args.cases), args.workers)
+        print_result(manifest, as_json=args.json)
+        if not args.json:
+            print(f"SHA-256 of the answers: {manifest['answers_sha256']}")  # the table may cut it
     elif args.action == "run":
         from keycld_model.diagnosis.blind.run import run as run_method
 
