@@ -23,6 +23,7 @@ class Args:
         seed: make: determines every byte of the cases.
         method: run: "diagnose", "refit", "greedy", "sindy", "neural", or your own as module:function.
         workers: make, run: number of processes; no figure but the seconds depends on it.
+        partial: score: leave out cases that have no report yet.
         json: Print one JSON object.
     """
 
@@ -32,6 +33,7 @@ class Args:
     seed: int = 0
     method: str = "diagnose"
     workers: int = 2
+    partial: bool = False
     json: bool = False
 
 
@@ -56,7 +58,7 @@ def run(args: Args) -> None:
         from keycld_model.diagnosis.blind.score import score
         from keycld_model.diagnosis.blind.tables import print_score
 
-        result = score(args.out)
+        result = score(args.out, args.partial)
         if args.json:
             print_result(result, as_json=True)
         else:

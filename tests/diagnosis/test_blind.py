@@ -261,6 +261,9 @@ def test_baselines_stand_side_by_side(hand_made, capsys):
     (hand_made / "reports-refit" / "0003.json").unlink()
     with pytest.raises(InputError, match=r"reports-refit/0003\.json is missing or damaged; .*--method refit"):
         score(hand_made)
+    methods = score(hand_made, partial=True)["methods"]
+    assert (methods["diagnose"]["cases"], methods["refit"]["cases"]) == (10, 9)
+    assert "1 cases have no report yet." in (hand_made / "score.md").read_text()
 
 
 def test_other_answers_than_the_sealed_ones_are_refused(hand_made, capsys):

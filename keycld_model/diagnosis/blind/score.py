@@ -16,11 +16,12 @@ from keycld_model.diagnosis.blind.run import read_manifest, reports
 from keycld_model.diagnosis.blind.tables import markdown
 
 
-def score(out: Path) -> dict[str, Any]:
+def score(out: Path, partial: bool = False) -> dict[str, Any]:
     """Score all methods, and write `score.md`.
 
     Args:
         out: folder of the benchmark.
+        partial: leave out cases that have no report yet, and say how many.
 
     Returns:
         Per method its rows, the confusion of truth and findings, and the cases that it got wrong.
@@ -34,7 +35,7 @@ def score(out: Path) -> dict[str, Any]:
     if not methods:
         raise InputError(f"{out} has no reports; run `keycld blind run {out}` first.")
     methods.sort(key=lambda m: (m != "diagnose", m))
-    scored = {method: _score(_trials(out, method, answers)) for method in methods}
+    scored = {method: _score(_trials(out, method, answers, partial)) for method in methods}
     result = {"manifest": manifest, "methods": scored}
     with atomic_file(out / "score.md", "w") as file:
         file.write(markdown(result))
@@ -52,10 +53,12 @@ def _answers(out: Path, manifest: dict[str, Any]) -> list[dict[str, Any]]:
     return json.loads(content)
 
 
-def _trials(out: Path, method: str, answers: Sequence[dict[str, Any]]) -> list[Trial]:
+def _trials(out: Path, method: str, answers: Sequence[dict[str, Any]], partial: bool) -> list[Trial]:
     folder, trials = reports(out, method), []
     for i, answer in enumerate(answers):
         path = folder / f"{name(i)}.json"
+        if partial and not path.exists():
+            continue
         try:
             trials.append(Trial(answer, json.loads(path.read_text(encoding="utf-8"))))
         except (OSError, ValueError) as error:
@@ -72,6 +75,7 @@ def _score(trials: Sequence[Trial]) -> dict[str, Any]:
         truth = t.truth[0][0] if t.truth else "nothing"
         confusion.setdefault(truth, Counter())[" + ".join(sorted(e for e, _ in t.said)) or "nothing"] += 1
     return {
+        "cases": len(trials),
         "rows": [row.to_dict() for row in rows(trials)],
         "confusion": {truth: dict(said.most_common()) for truth, said in sorted(confusion.items())},
         "wrong": [_wrong(t) for t in trials if not _good(t)],

@@ -19,8 +19,11 @@ def print_score(result: Mapping[str, Any]) -> None:
     for line in _lines(result):
         table.add_row(*line)
     console.print(table)
-    wrong = result["methods"][methods[0]]["wrong"]
-    console.print(f"{methods[0]}: {len(wrong)} of {result['manifest']['cases']} cases are wrong; score.md lists them.")
+    first, cases = result["methods"][methods[0]], result["manifest"]["cases"]
+    console.print(f"{methods[0]}: {len(first['wrong'])} of {first['cases']} cases are wrong; score.md lists them.")
+    for method, scored in result["methods"].items():
+        if scored["cases"] < cases:
+            console.print(f"{method}: {cases - scored['cases']} of {cases} cases have no report yet.")
 
 
 def markdown(result: Mapping[str, Any]) -> str:
@@ -38,7 +41,15 @@ def markdown(result: Mapping[str, Any]) -> str:
     ]
     for method in methods:
         scored = result["methods"][method]
-        lines += ["", f"## {method}", "", "Truth and what was named, of cases with at most one effect:", ""]
+        left = manifest["cases"] - scored["cases"]
+        lines += [
+            "",
+            f"## {method}",
+            "",
+            *([f"{left} cases have no report yet.", ""] if left else []),
+            "Truth and what was named, of cases with at most one effect:",
+            "",
+        ]
         lines += _table(["truth", "named"], ([t, _counts(said)] for t, said in scored["confusion"].items()))
         lines += ["", "Wrong: false alarms, clear effects not named and placed exactly, errors.", ""]
         columns = ["case", "system", "excitation", "truth", "said", "rivals", "verdict", "nats", "R"]
