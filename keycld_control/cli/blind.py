@@ -1,0 +1,65 @@
+"""Measure the diagnosis on sealed cases with known missing physics."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional
+
+from keycld_control.cli._output import print_result
+
+
+@dataclass(frozen=True)
+class Args:
+    """Measure the diagnosis on sealed cases with known missing physics.
+
+    `make` writes cases and their answers; `run` diagnoses all cases without opening the answers; `score` compares. Both
+    of the first continue where they stopped.
+
+    Attributes:
+        action: "make", "run", or "score".
+        out: Folder of the benchmark.
+        cases: make: number of cases.
+        seed: make: determines every byte of the cases.
+        method: run: "diagnose", "refit", "greedy", "sindy", "neural", or your own as module:function.
+        workers: make, run: number of processes; no figure but the seconds depends on it.
+        partial: score: leave out cases that have no report yet.
+        json: Print one JSON object.
+    """
+
+    action: Positional[Literal["make", "run", "score"]]
+    out: Positional[Path]
+    cases: int = 300
+    seed: int = 0
+    method: str = "diagnose"
+    workers: int = 2
+    partial: bool = False
+    json: bool = False
+
+
+def run(args: Args) -> None:
+    """Make, run, or score."""
+    from keycld_envs.errors import InputError
+
+    if args.workers < 1:
+        raise InputError(f"workers is {args.workers}; it must be at least 1.")
+    if args.action == "make":
+        from keycld_model.diagnosis.blind.make import Settings, make
+
+        manifest = make(args.out, Settings(args.seed, args.cases), args.workers)
+        print_result(manifest, as_json=args.json)
+        if not args.json:
+            print(f"SHA-256 of the answers: {manifest['answers_sha256']}")  # the table may cut it
+    elif args.action == "run":
+        from keycld_model.diagnosis.blind.run import run as run_method
+
+        print_result(run_method(args.out, args.method, args.workers), as_json=args.json)
+    else:
+        from keycld_model.diagnosis.blind.score import score
+        from keycld_model.diagnosis.blind.tables import print_score
+
+        result = score(args.out, args.partial)
+        if args.json:
+            print_result(result, as_json=True)
+        else:
+            print_score(result)
