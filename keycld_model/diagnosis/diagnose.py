@@ -69,6 +69,7 @@ def diagnose(
         if other.problem.minimise(other.point.with_effects(*best.fit.effects)).cost < best.fit.cost - 1:
             refitted, search = other, Search(other.problem, EXCLUDED)
             best = search.run(refitted.point)
+        best = search.soften(best)
         problem = refitted.problem
         simulator, windows, step = problem.simulator, problem.windows, problem.simulator.step
         advance(1, "rivals")
@@ -77,8 +78,8 @@ def diagnose(
         trial = Problem(simulator, cut(test, step, SAMPLES), sigma)
         tried, tried_best = (_try(trial, f) for f in (refitted, best.fit))
         long = Problem(simulator, cut(test, step, SAMPLES * _horizon(test)), sigma)
-        gain = refitted.cost - best.score
-        nats = _likelihood(tried_best) - _likelihood(tried)
+        gain = refitted.cost / search.temper - best.score
+        nats = (_likelihood(tried_best) - _likelihood(tried)) / search.temper
         verdict: Verdict = "no_mismatch"
         if best.fit.effects and gain > DOUBTFUL:
             verdict = "mismatch" if gain > CLEAR and nats > 0 else "undetermined"
@@ -104,6 +105,7 @@ def diagnose(
             "gain_nats": round(float(gain), 2),
             "held_out_gain_nats": round(float(nats), 2),
             "chi_square": {"refitted": refitted.chi_square, "corrected": chosen.chi_square},
+            "temper": search.temper,
             "noise": sigma.tolist(),
             "windows": len(windows),
             "step_s": step,
@@ -181,8 +183,8 @@ def _rollout_error(problem: Problem, fit: Fit) -> float:
 
 
 def _findings(best: Scored, rivals: dict[tuple[str, str], list[Scored]], search: Search) -> list[Finding]:
-    deviations = iter(best.fit.deviations() * np.sqrt(max(1.0, best.fit.chi_square)))
-    weights = {keys: np.exp(best.score - s.score) for keys, s in search.found.items()}
+    deviations = iter(best.fit.deviations() * np.sqrt(max(search.temper, best.fit.chi_square)))
+    weights = {keys: np.exp(min(0.0, best.score - s.score)) for keys, s in search.found.items()}
     total = sum(weights.values())
     findings = []
     for effect in best.fit.effects:
