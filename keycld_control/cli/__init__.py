@@ -4,7 +4,8 @@ A command is one module of this package, named like the command, with a frozen d
 command line, and a function `run(args)`, which may return an exit code. Its module docstring is its line in
 `keycld --help`. Only the module of the command in use is imported.
 
-Exit codes: 0, 2 for input that cannot be used (one sentence on stderr), 130 after Ctrl-C.
+Exit codes: 0, 2 for input that cannot be used (one sentence on stderr), 130 after Ctrl-C; `diagnose` has 10 for
+missing physics and 11 for recordings that cannot tell.
 """
 
 import ast

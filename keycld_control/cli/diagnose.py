@@ -19,7 +19,7 @@ class Args:
         env: Environment to compare with; by default the one that the recordings name.
         mjcf: MuJoCo XML file to compare with instead.
         held_out: Folder of recordings to test findings on; by default a third of the recordings is held out.
-        out: Folder for report.json.
+        out: Folder for report.json, report.html (the same for people), and corrected.xml (the corrected simulator).
         seed: Has no effect: the diagnosis is a fixed function of recordings and simulator.
         json: Print the report as one JSON object.
     """
@@ -37,14 +37,21 @@ def run(args: Args) -> int:
     """Diagnose, write and print the report."""
     from keycld_envs.recordings import read_dataset
     from keycld_model.diagnosis import diagnose
-    from keycld_model.diagnosis.simulator import load_model
+    from keycld_model.diagnosis.corrected import write_corrected
+    from keycld_model.diagnosis.page import write_page
+    from keycld_model.diagnosis.source import Source
 
     recordings = read_dataset(args.recordings).recordings
     held_out = read_dataset(args.held_out).recordings if args.held_out else ()
-    report = diagnose(recordings, load_model(args.mjcf, args.env or recordings[0].system), held_out)
+    source = Source.of(args.mjcf, args.env or recordings[0].system)
+    report = diagnose(recordings, source.model, held_out)
     if args.out is not None:
         args.out.mkdir(parents=True, exist_ok=True)
         write_result(report.to_dict(), args.out / "report.json")
+        corrected = None if source.mjcf is None else "corrected.xml"
+        write_page(report, args.out / "report.html", source.environment, corrected)
+        if report.evidence is not None and corrected is not None:
+            write_corrected(report.evidence, source, args.out / corrected)
     if args.json:
         print_result(report.to_dict(), as_json=True)
     else:

@@ -12,6 +12,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.checks import check, check_apart
+from keycld_model.diagnosis.evidence import evidence
 from keycld_model.diagnosis.fit import Fit, Point, Problem, knobs
 from keycld_model.diagnosis.noise import noise
 from keycld_model.diagnosis.report import Estimate, Finding, FitErrors, Report, Unexplained, Verdict
@@ -85,10 +86,11 @@ def diagnose(
             verdict = "mismatch" if gain > CLEAR and nats > 0 else "undetermined"
         chosen = best.fit if verdict != "no_mismatch" else refitted
         nominal = replace(refitted, point=Point(Variant(np.zeros_like(problem.spreads)), *windows.initial_states()))
+        rollouts = [_try(long, f, 12) for f in (nominal, refitted, chosen)]
         errors = FitErrors(
             f"root mean square of rollouts over {SAMPLES * _horizon(test) * spacing:.2g} s with fitted initial states",
             "mrad or mm",
-            *(round(1e3 * _rollout_error(long, f), 4) for f in (nominal, refitted, chosen)),
+            *(round(1e3 * _rollout_error(f), 4) for f in rollouts),
         )
         advance(1)
     unexplained = _unexplained(tried, tried if verdict == "no_mismatch" else tried_best, model)
@@ -111,6 +113,7 @@ def diagnose(
             "step_s": step,
             "integrator": mujoco.mjtIntegrator(simulator.model.opt.integrator).name,
         },
+        evidence=evidence(model, (refitted, chosen), (rollouts[1], rollouts[2]), (training, test)),
     )
 
 
@@ -178,8 +181,8 @@ def _residual(fit: Fit) -> NDArray[np.float64]:
     return fit.problem.residual(fit.point).reshape(fit.problem.windows.measured.shape)
 
 
-def _rollout_error(problem: Problem, fit: Fit) -> float:
-    return float(np.sqrt(np.mean((_residual(_try(problem, fit, 12)) * problem.noise) ** 2)))
+def _rollout_error(fit: Fit) -> float:
+    return float(np.sqrt(np.mean((_residual(fit) * fit.problem.noise) ** 2)))
 
 
 def _findings(best: Scored, rivals: dict[tuple[str, str], list[Scored]], search: Search) -> list[Finding]:

@@ -17,6 +17,10 @@ POSITION_STEP, VELOCITY_STEP = 1e-4, 1e-3
 """Steps of derivatives with respect to initial states."""
 ATTEMPTS = 5
 """Steps tried, each ten times more cautious, before the fit counts as converged."""
+FAR, SETTLING = 3.0, 4
+"""Windows that cost so many times the median get steps of their own for their initial states."""
+STALE = 0.2
+"""Share of the last gain from which on old derivatives are good enough for another step."""
 DIVERGED = 1e5
 """Standard deviations that a rollout which diverges is off, and others at most."""
 OUTLIER = 4.0
@@ -36,6 +40,10 @@ class Point:
     variant: Variant
     q: Array
     v: Array
+
+    def take(self, index: NDArray[np.int64]) -> "Point":
+        """Some of the windows."""
+        return replace(self, q=self.q[index], v=self.v[index])
 
     def with_effects(self, *effects: Effect) -> "Point":
         """With these effects instead."""
@@ -112,6 +120,10 @@ class Problem:
         """As believed, from measured initial states."""
         return Point(Variant(np.zeros(len(self.simulator.nuisances))), *self.windows.initial_states())
 
+    def take(self, index: NDArray[np.int64]) -> "Problem":
+        """Some of the windows."""
+        return Problem(self.simulator, self.windows.take(index), self.noise)
+
     @property
     def samples(self) -> int:
         """Numbers measured."""
@@ -122,17 +134,25 @@ class Problem:
         """Prior standard deviations of the nuisances."""
         return np.array([n.spread for n in self.simulator.nuisances])
 
-    def residual(self, point: Point) -> Array:
-        """Whitened residuals `[W, r]`; a window that diverges counts as `DIVERGED` everywhere."""
-        predicted = self.simulator.simulate(
-            [point.variant], np.zeros(1, int), self.windows, point.q[None], point.v[None]
-        )[0]
-        return self._whiten(predicted)
+    def residual(self, *points: Point) -> Array:
+        """Whitened residuals `[..., W, r]` of one or more points with the same shared numbers.
+
+        A window that diverges counts as `DIVERGED` everywhere.
+        """
+        q, v = np.stack([p.q for p in points]), np.stack([p.v for p in points])
+        predicted = self.simulator.simulate([points[0].variant], np.zeros(len(points), int), self.windows, q, v)
+        return self.whiten(predicted[0] if len(points) == 1 else predicted)
+
+    def costs(self, point: Point) -> Array:
+        """What each window adds to the cost, `[W]`."""
+        return _huber(self.residual(point)).sum(axis=-1)
 
     def cost(self, point: Point) -> float:
         """Minus the logarithm of the posterior, in nats, up to a constant."""
-        prior = 0.5 * np.sum((point.variant.values / self.spreads) ** 2)
-        return float(_huber(self.residual(point)).sum() + prior)
+        return float(self.costs(point).sum()) + self._prior(point)
+
+    def _prior(self, point: Point) -> float:
+        return 0.5 * float(np.sum((point.variant.values / self.spreads) ** 2))
 
     def linearise(self, point: Point, extra: Sequence[tuple[Effect, ...]] = ()) -> tuple[Linearisation, Array]:
         """Residuals and derivatives at a point.
@@ -144,7 +164,7 @@ class Problem:
         Returns:
             The linearisation, and whitened residuals `[len(extra), W, r]` with the extra effects.
         """
-        base, n, nv = point.variant, len(self.simulator.nuisances), self.windows.measured.shape[2]
+        base, n = point.variant, len(self.simulator.nuisances)
         variants, columns = [base], []
         for i, nuisance in enumerate(self.simulator.nuisances):
             if nuisance.kind != "zero":
@@ -158,40 +178,48 @@ class Problem:
             columns.append((n + k, step))
             variants.append(replace(base, effects=turn(base.effects, knob, value + step)))
         variants += [replace(base, effects=effects) for effects in extra]
-        which = np.concatenate([np.zeros(2 * nv, int), np.arange(len(variants))])
-        q, v = (np.repeat(z[None], len(which), axis=0) for z in (point.q, point.v))
-        for j in range(nv):
-            q[j, :, j] += POSITION_STEP
-            v[nv + j, :, j] += VELOCITY_STEP
-        predicted = self.simulator.simulate(variants, which, self.windows, q, v)
-        residuals = np.stack([self._whiten(y) for y in predicted])
-        here = residuals[2 * nv]
-        steps = np.repeat([POSITION_STEP, VELOCITY_STEP], nv)
-        states = np.moveaxis((here - residuals[: 2 * nv]) / steps[:, None, None], 0, -1)
+        residuals, states = self._roll(variants, point)
+        here = residuals[0]
         shared = np.zeros((*here.shape, n + len(knobs(base.effects))))
         for p, (column, step) in enumerate(columns):
-            shared[..., column] = (here - residuals[2 * nv + 1 + p]) / step
+            shared[..., column] = (here - residuals[1 + p]) / step
         measured = np.isfinite(self.windows.measured)
         for i, nuisance in enumerate(self.simulator.nuisances):
             if nuisance.kind == "zero":
                 one = np.zeros(self.windows.measured.shape)
                 one[..., nuisance.index] = 1 / self.noise[nuisance.index]
                 shared[..., i] = np.where(measured, one, 0.0).reshape(len(here), -1)
-        return Linearisation(here, states, shared), residuals[2 * nv + 1 + len(columns) :]
+        return Linearisation(here, states, shared), residuals[1 + len(columns) :]
 
-    def minimise(self, point: Point, iterations: int = 8, tolerance: float = 0.02, only_states: bool = False) -> "Fit":
+    def _roll(self, variants: Sequence[Variant], point: Point) -> tuple[Array, Array]:
+        """Residuals `[V, W, r]` from the point's states, and minus the first's derivative to them, `[W, r, 2nv]`."""
+        nv = point.q.shape[1]
+        which = np.concatenate([np.arange(len(variants)), np.zeros(2 * nv, int)])
+        q, v = (np.repeat(z[None], len(which), axis=0) for z in (point.q, point.v))
+        for j in range(nv):
+            q[j - 2 * nv, :, j] += POSITION_STEP
+            v[j - nv, :, j] += VELOCITY_STEP
+        residuals = self.whiten(self.simulator.simulate(variants, which, self.windows, q, v))
+        steps = np.repeat([POSITION_STEP, VELOCITY_STEP], nv)[:, None, None]
+        states = (residuals[0] - residuals[-2 * nv :]) / steps
+        return residuals[: len(variants)], np.moveaxis(states, 0, -1)
+
+    def minimise(self, point: Point, iterations: int = 12, tolerance: float = 0.1, only_states: bool = False) -> "Fit":
         """Gauss-Newton with caution, initial states eliminated; stops when a step gains less than `tolerance` nats.
 
         With `only_states`, nuisances and effects stay as they are.
         """
-        cost, caution = self.cost(point), 1e-6
+        cost, caution, gain = self.cost(point), 1e-6, np.inf
+        linear, fresh, n = None, False, len(self.spreads)
         hessian = np.eye(0)
         for _ in range(iterations):
-            linear, _ = self.linearise(point)
-            linear = linear.weighted(linear.outlier_weights())
-            shared = linear.project(linear.shared)
-            residual = linear.project(linear.residual[..., None])[..., 0]
-            n = len(self.spreads)
+            if linear is None:
+                (linear, _), fresh = self.linearise(point), True
+            else:  # derivatives change little
+                linear, fresh = replace(linear, residual=self.residual(point)), False
+            weighted = linear.weighted(linear.outlier_weights())
+            shared = weighted.project(weighted.shared)
+            residual = weighted.project(weighted.residual[..., None])[..., 0]
             hessian = np.einsum("wri,wrj->ij", shared, shared)
             gradient = np.einsum("wri,wr->i", shared, residual)
             hessian[np.arange(n), np.arange(n)] += self.spreads**-2
@@ -199,17 +227,24 @@ class Problem:
             scale = np.diag(hessian) + 1e-9
             if only_states:
                 gradient, scale = np.zeros_like(gradient), scale + 1e12
-            for _ in range(ATTEMPTS):
+            for _ in range(ATTEMPTS if fresh else 1):
                 step = np.linalg.lstsq(hessian + np.diag((caution + 1e-9) * scale), gradient, rcond=None)[0]
-                new = self._moved(point, linear, step)
-                if (new_cost := self.cost(new)) < cost:
+                new, new_cost = self._best_states(self._moved(point, weighted, step), point)
+                if new_cost < cost:
                     break
                 caution = max(caution, 1e-6) * 30
             else:
+                if fresh:
+                    break
+                linear = None
+                continue
+            new, new_cost = self._settled(new, new_cost)
+            before, gain = gain, cost - new_cost
+            point, cost, caution = new, new_cost, caution / 10
+            if gain < tolerance and fresh:
                 break
-            gain, point, cost, caution = cost - new_cost, new, new_cost, caution / 10
-            if gain < tolerance:
-                break
+            if gain < tolerance or (not fresh and gain > STALE * before):
+                linear = None
         return Fit(self, point, cost, hessian)
 
     def _moved(self, point: Point, linear: Linearisation, step: Array) -> Point:
@@ -226,11 +261,46 @@ class Problem:
         states = np.stack([np.linalg.lstsq(a, b, rcond=1e-10)[0] for a, b in zip(linear.states, left, strict=True)])
         return Point(Variant(values, tuple(effects)), point.q + states[:, :nv], point.v + states[:, nv:])
 
-    def _whiten(self, predicted: Array) -> Array:
+    def _best_states(self, new: Point, old: Point) -> tuple[Point, float]:
+        """With each window's states as they were, where that is better; and the cost."""
+        before = replace(old, variant=new.variant)
+        costs = _huber(self.residual(new, before)).sum(axis=-1)
+        keep = (costs[1] < costs[0])[:, None]
+        better = replace(new, q=np.where(keep, old.q, new.q), v=np.where(keep, old.v, new.v))
+        return better, float(costs.min(axis=0).sum()) + self._prior(new)
+
+    def _settled(self, point: Point, cost: float) -> tuple[Point, float]:
+        """With better states for windows that fit far worse than most: dry friction makes them hard to find."""
+        costs = self.costs(point)
+        worst = np.argsort(-costs)[: max(1, len(costs) // 8)]
+        bad = np.sort(worst[costs[worst] > FAR * np.median(costs)])
+        if not len(bad):
+            return point, cost
+        part = self.take(bad)
+        q, v = part.windows.initial_states()
+        best, now = point.take(bad), costs[bad]
+        caution = np.full(len(bad), 1e-3)
+        for attempt in range(SETTLING + 1):
+            if attempt:
+                residual, states = part._roll([point.variant], best)
+                normal = np.einsum("wri,wrj->wij", states, states)
+                normal += (caution[:, None] * np.einsum("wii->wi", normal) + 1e-9)[..., None] * np.eye(2 * q.shape[1])
+                step = np.linalg.solve(normal, np.einsum("wri,wr->wi", states, residual[0])[..., None])[..., 0]
+                q, v = best.q + step[:, : q.shape[1]], best.v + step[:, q.shape[1] :]
+            tried = part.costs(Point(point.variant, q, v))
+            better = (tried < now)[:, None]
+            best = replace(best, q=np.where(better, q, best.q), v=np.where(better, v, best.v))
+            now, caution = np.minimum(now, tried), np.where(better[:, 0], caution / 5, caution * 10)
+        q, v = point.q.copy(), point.v.copy()
+        q[bad], v[bad] = best.q, best.v
+        return replace(point, q=q, v=v), cost + float((now - costs[bad]).sum())
+
+    def whiten(self, predicted: Array) -> Array:
+        """Residuals `[..., W, r]` of predictions `[..., W, n, nv]`."""
         deviation = (self.windows.measured - predicted) / self.noise
         deviation = np.where(np.isfinite(predicted), deviation, DIVERGED)
         deviation = np.where(np.isfinite(self.windows.measured), deviation, 0.0)
-        return np.clip(deviation, -DIVERGED, DIVERGED).reshape(len(self.windows), -1)
+        return np.clip(deviation, -DIVERGED, DIVERGED).reshape(*predicted.shape[:-2], -1)
 
 
 @dataclass(frozen=True)
@@ -260,6 +330,21 @@ class Fit:
         residual = self.problem.residual(self.point)
         used = self.point.q.size * 2 + len(self.hessian)
         return float(np.sum(residual**2) / max(1, self.problem.samples - used))
+
+    @cached_property
+    def excess(self) -> float:
+        """Nats above what noise alone costs."""
+        return self.cost - 0.5 * (self.problem.samples - 2 * self.point.q.size)
+
+    def worth(self, effect: Effect) -> float:
+        """Nats that the fit would lose without one of its effects, were it linear in its numbers."""
+        at = [
+            len(self.problem.spreads) + i for i, k in enumerate(knobs(self.effects)) if self.effects[k.effect] is effect
+        ]
+        away = np.array([getattr(effect, p.name) - p.absent for p in effect.parameters()])
+        away[[bool(p.grid) for p in effect.parameters()]] = 0.0
+        covariance = np.linalg.pinv(self.hessian)[np.ix_(at, at)]
+        return 0.5 * float(away @ np.linalg.pinv(covariance) @ away)
 
     def deviations(self) -> Array:
         """Standard deviations of the effects' numbers, in the order of `knobs`."""

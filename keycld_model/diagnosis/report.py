@@ -1,7 +1,9 @@
 """What a diagnosis says, for programs; schema `keycld.diagnosis/1`."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
+
+from keycld_model.diagnosis.evidence import Evidence
 
 Verdict = Literal["no_mismatch", "mismatch", "undetermined"]
 SCHEMA = "keycld.diagnosis/1"
@@ -83,7 +85,20 @@ class FitErrors:
 
 @dataclass(frozen=True)
 class Report:
-    """The result of `diagnose`."""
+    """The result of `diagnose`.
+
+    Attributes:
+        verdict: "no_mismatch", "mismatch", or "undetermined".
+        headline: one sentence.
+        findings: what the simulator lacks.
+        nuisance: refitted numbers that are no missing physics.
+        unexplained: what is left after all findings.
+        fit: errors on held-out recordings.
+        held_out: their ids.
+        schema: of `to_dict`.
+        details: of the fits.
+        evidence: models, rollouts and residuals, for the page and the corrected model; not part of `to_dict`.
+    """
 
     verdict: Verdict
     headline: str
@@ -94,6 +109,7 @@ class Report:
     held_out: list[str]
     schema: str = SCHEMA
     details: dict[str, Any] = field(default_factory=dict)
+    evidence: Evidence | None = field(default=None, repr=False, compare=False)
 
     @property
     def exit_code(self) -> int:
@@ -101,5 +117,7 @@ class Report:
         return EXIT_CODES[self.verdict]
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-compatible."""
-        return asdict(self)
+        """JSON-compatible, without the evidence."""
+        out = asdict(replace(self, evidence=None))
+        del out["evidence"]
+        return out

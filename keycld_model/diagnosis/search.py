@@ -14,10 +14,12 @@ from keycld_model.diagnosis.fit import Fit, Linearisation, Point, Problem, knobs
 Array = NDArray[np.float64]
 REFINED = {1: 4, 2: 3, 3: 2}
 """Sets of one, two and three effects that are refined a little after each linear scoring."""
-GLANCE = 2
+GLANCE = 3
 """Gauss-Newton steps of that."""
 FINALISTS = 2
-"""How many of them are then refined to the end."""
+"""How many of them are then refined to the end, beside the best of each size."""
+ENOUGH, LEAST_SHARE = 500.0, 0.25
+"""Nats of misfit that suffice to choose among sets; where there is more, a share of the windows is looked at."""
 NOISE = 1.3
 """Variance that a fit may leave, over the sensor's, to count as noise."""
 GENTLE = 0.03
@@ -27,6 +29,8 @@ PARTNERS = 40
 MATERIAL = 0.005
 """Share of all that a set gains that each of its effects must gain. Named effects are idealised forms, of dry friction
 near standstill above all; what gains less may only mend the form of another."""
+DOUBTFUL = 100.0
+"""Nats below which it is tried whether a fit needs an effect."""
 LARGEST = 4
 """Effects at once; where more seem to be needed, the true one is not among them."""
 ROUNDS = 4
@@ -165,9 +169,26 @@ class Search:
 
     def _finalists(self, scored: Scored, largest: int = 3) -> list[Scored]:
         """The most promising sets with one to three more effects."""
-        sets = self._promising(scored.fit, min(largest, LARGEST - len(scored.keys)))
-        glances = [self._refine(scored.fit.point.with_effects(*effects), GLANCE) for effects in sets]
-        return [self._refine(s.fit.point) for s in sorted(glances, key=_score)[:FINALISTS]]
+        fit = self._sample(scored.fit)
+        sets = self._promising(fit, min(largest, LARGEST - len(scored.keys)))
+        glances = []
+        for effects in sets:
+            glance = fit.problem.minimise(fit.point.with_effects(*effects), GLANCE)
+            glances.append(Scored(glance, glance.cost + penalty(effects, fit.problem.samples)))
+        glances.sort(key=_score)
+        sizes = {len(s.fit.effects): s for s in reversed(glances)}  # the best of each
+        chosen = {id(s): s for s in (*sizes.values(), *glances[:FINALISTS])}
+        return [self._refine(scored.fit.point.with_effects(*s.fit.effects)) for s in chosen.values()]
+
+    def _sample(self, fit: Fit) -> Fit:
+        """The fit on a share of the windows, of all degrees of misfit."""
+        share = float(np.clip(ENOUGH / max(fit.excess, ENOUGH), LEAST_SHARE, 1.0))
+        if share == 1:
+            return fit
+        order = np.argsort(fit.problem.costs(fit.point))
+        index = np.sort(order[np.linspace(0, len(order) - 1, round(share * len(order))).round().astype(int)])
+        part, point = fit.problem.take(index), fit.point.take(index)
+        return replace(fit, problem=part, point=point, cost=part.cost(point))
 
     def rivals(self, best: Scored, within: float = 4.0) -> dict[tuple[str, str], list[Scored]]:
         """For each effect of the best set, sets with another in its place that explain as much, within some nats."""
@@ -184,7 +205,7 @@ class Search:
             ]
         return out
 
-    def _refine(self, point: Point, iterations: int = 8) -> Scored:
+    def _refine(self, point: Point, iterations: int = 12) -> Scored:
         fit = self.problem.minimise(point, iterations)
         scored = self._scored(fit)
         if scored.keys not in self.found or scored.score < self.found[scored.keys].score:
@@ -196,12 +217,15 @@ class Search:
 
     def _pruned(self, best: Scored) -> Scored:
         """Without effects that are not worth their numbers."""
-        while best.fit.effects:
+        while True:
+            doubtful = [
+                e for e in best.fit.effects if best.fit.worth(e) < self.temper * (DOUBTFUL + 10 * self._least(best))
+            ]
             fewer = [
                 self._refine(best.fit.point.with_effects(*(e for e in best.fit.effects if e is not effect)))
-                for effect in best.fit.effects
+                for effect in doubtful
             ]
-            if (least := min(fewer, key=_score)).score > best.score + self._least(best):
+            if not fewer or (least := min(fewer, key=_score)).score > best.score + self._least(best):
                 break
             best = least
         return best
@@ -213,12 +237,12 @@ class Search:
         used = {(e.id, e.where) for e in fit.effects}
         free = [h for h in self.hypotheses if h.key not in used]
         probes = [(i, j, probe) for i, h in enumerate(free) for j, probe in enumerate(h.probes())]
-        linear, probed = self.problem.linearise(fit.point, [(*fit.effects, probe) for *_, probe in probes])
+        linear, probed = fit.problem.linearise(fit.point, [(*fit.effects, probe) for *_, probe in probes])
         amounts = self._gentle(linear.residual, probed)
         again = [c for c, (i, _, _) in enumerate(probes) if amounts[c] < 1 and free[i].coefficients]
         if again:
             gentler = [free[probes[c][0]].probes(amounts[c])[probes[c][1]] for c in again]
-            probed[again] = self.problem.linearise(fit.point, [(*fit.effects, probe) for probe in gentler])[1]
+            probed[again] = fit.problem.linearise(fit.point, [(*fit.effects, probe) for probe in gentler])[1]
         amounts = [amounts[c] if c in set(again) else 1.0 for c in range(len(probes))]
         columns = np.stack(
             [
@@ -227,10 +251,10 @@ class Search:
             ],
             axis=-1,
         )
-        gram = _Gram(self.problem, fit, linear, columns)
+        gram = _Gram(fit.problem, fit, linear, columns)
         members = [[c for c, (i, _, _) in enumerate(probes) if i == h] for h in range(len(free))]
         ranked: dict[frozenset[tuple[str, str]], tuple[float, tuple[Effect, ...]]] = {}
-        for chosen in _sets(gram, free, members, self.problem.samples, largest):
+        for chosen in _sets(gram, free, members, fit.problem.samples, largest):
             worth, sizes = chosen.worth, iter(chosen.coefficients)
             effects = tuple(_present(free[h], [next(sizes) for _ in members[h]]) for h in chosen.hypotheses)
             keys = frozenset((e.id, e.where) for e in effects)

@@ -3,42 +3,21 @@
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-import gymnasium as gym
 import mujoco
 import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
-from keycld_envs.errors import InputError
-from keycld_envs.registration import resolve_env_id
 from keycld_model.diagnosis import nuisance
+from keycld_model.diagnosis.model_pool import ModelPool
 from keycld_model.diagnosis.nuisance import Nuisance
 from keycld_model.diagnosis.windows import Windows
 
 Array = NDArray[np.float64]
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 _CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
-
-
-def load_model(mjcf: Path | None, system: str | None) -> mujoco.MjModel:
-    """The model of an MJCF file, or of an environment.
-
-    Raises:
-        InputError: if there is neither, or the file does not compile.
-    """
-    if mjcf is None and system is None:
-        raise InputError("The recordings name no environment; say which simulator to compare with, --env or --mjcf.")
-    if mjcf is None:
-        return gym.make(resolve_env_id(str(system))).unwrapped.model  # pyright: ignore[reportAttributeAccessIssue]
-    if not mjcf.is_file():
-        raise InputError(f"{mjcf} is no file; hand in a MuJoCo XML file.")
-    try:
-        return mujoco.MjModel.from_xml_path(str(mjcf))
-    except ValueError as error:
-        raise InputError(f"{mjcf} does not compile: {error}.") from error
 
 
 @dataclass(frozen=True)
@@ -72,11 +51,14 @@ class Simulator:
         self.step = float(self.model.opt.timestep)
         self.nuisances: tuple[Nuisance, ...] = nuisance.nuisances(model)
         self._data = [mujoco.MjData(self.model) for _ in range(threads)]
+        self._models = ModelPool(self.model)
         self._pool = rollout.Rollout(nthread=threads)
 
     def compile(self, variant: Variant) -> mujoco.MjModel:
         """The model of a variant, as far as MuJoCo has its effects itself."""
-        model = copy.copy(self.model)
+        return self._changed(copy.copy(self.model), variant)
+
+    def _changed(self, model: mujoco.MjModel, variant: Variant) -> mujoco.MjModel:
         nuisance.apply(model, self.nuisances, variant.values)
         for effect in variant.effects:
             effect.edit(model)
@@ -84,7 +66,13 @@ class Simulator:
         return model
 
     def simulate(
-        self, variants: Sequence[Variant], which: NDArray[np.int64], windows: Windows, q: Array, v: Array
+        self,
+        variants: Sequence[Variant],
+        which: NDArray[np.int64],
+        windows: Windows,
+        q: Array,
+        v: Array,
+        pushes: Array | float = 0.0,
     ) -> Array:
         """Measured positions as variants predict them.
 
@@ -94,11 +82,12 @@ class Simulator:
             windows: W windows.
             q: `[P, W, nv]` positions at their starts.
             v: `[P, W, nv]` velocities.
+            pushes: `[P, W, S, nv]` generalised forces from outside, held over each step.
 
         Returns:
             `[P, W, n, nv]`; NaN where a rollout diverges.
         """
-        positions, velocities = self._roll(variants, which, windows, q, v)
+        positions, velocities, _ = self.roll(variants, which, windows, q, v, pushes)
         out = np.empty((len(which), *windows.measured.shape))
         zero = [i for i, n in enumerate(self.nuisances) if n.kind == "zero"]
         for p, variant in enumerate(variants[i] for i in which):
@@ -109,11 +98,18 @@ class Simulator:
             out[p] += variant.values[zero]
         return out
 
-    def _roll(
-        self, variants: Sequence[Variant], which: NDArray[np.int64], windows: Windows, q: Array, v: Array
-    ) -> tuple[Array, Array]:
-        """Positions and velocities `[P, W, S+1, nv]` at the steps."""
-        models = [self.compile(variant) for variant in variants]
+    def roll(
+        self,
+        variants: Sequence[Variant],
+        which: NDArray[np.int64],
+        windows: Windows,
+        q: Array,
+        v: Array,
+        pushes: Array | float = 0.0,
+    ) -> tuple[Array, Array, Array]:
+        """Positions and velocities `[P, W, S+1, nv]` at the steps, and what motors get, `[P, W, S, nu]`."""
+        copies = self._models.take(len(variants))
+        models = [self._changed(model, variant) for model, variant in zip(copies, variants, strict=True)]
         commands = np.stack([self._commands(variant, windows) for variant in variants])[which]
         p, w, nv, s = len(which), len(windows), self.model.nv, windows.steps
         batch = [models[i] for i in which for _ in range(w)]
@@ -123,7 +119,7 @@ class Simulator:
         path[:, :, 0] = state[:, 1 : 1 + 2 * nv].reshape(p, w, -1)
         nu = self.model.nu
         control = np.zeros((p, w, s, nu + nv))
-        control[..., :nu] = commands
+        control[..., :nu], control[..., nu:] = commands, pushes
         forced = [i for i, variant in enumerate(which) if any(e.forces for e in variants[variant].effects)]
         free = [i for i in range(p) if i not in set(forced)]
         if free:
@@ -131,7 +127,7 @@ class Simulator:
             out = self._run([batch[i] for i in rows], state[rows], control[free].reshape(len(rows), s, -1))
             path[free, :, 1:] = out.reshape(len(free), w, s, -1)[..., 1 : 1 + 2 * nv]
         if not forced:
-            return path[..., :nv], path[..., nv:]
+            return path[..., :nv], path[..., nv:], commands
         rows = np.concatenate([np.arange(i * w, (i + 1) * w) for i in forced])
         batch, state = [batch[i] for i in rows], state[rows]
         speed = np.zeros((len(forced), w, nv))
@@ -150,7 +146,7 @@ class Simulator:
                         )
             state = self._run(batch, state, np.ascontiguousarray(control[forced, :, k].reshape(len(rows), 1, -1)))[:, 0]
             path[forced, :, k + 1] = state[:, 1 : 1 + 2 * nv].reshape(len(forced), w, -1)
-        return path[..., :nv], path[..., nv:]
+        return path[..., :nv], path[..., nv:], commands
 
     def _run(self, models: list[mujoco.MjModel], state: Array, control: Array) -> Array:
         out = np.empty((*control.shape[:2], state.shape[1]))

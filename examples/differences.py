@@ -1,0 +1,122 @@
+"""Train a system with the default preset changed in one thing at a time towards the paper's, and compare.
+
+    keycld collect acrobot --episodes 500 --steps 50 --out data/acrobot --seed 1
+    python examples/differences.py --system acrobot --data data/acrobot --out runs/differences
+
+One row takes about as long as training the default; widths and full resolution several times that. Rows that are done
+are not trained again.
+"""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from keycld_envs import resolve_env_id, system_of
+from keycld_envs.recordings import read_dataset
+from keycld_model import WorldModel
+from keycld_model.config import ModelConfig
+from keycld_model.evaluation import evaluate
+from keycld_model.training import PRESETS, Preset, TrainingError, train
+from keycld_model.training.fit import FitTrajectories, FitWindows
+from keycld_model.training.joint import Joint
+from keycld_model.training.stage import Stage
+
+DEFAULT = PRESETS["default"]
+
+
+def networks(**changes: Any) -> Preset:
+    """Other networks."""
+    return replace(DEFAULT, networks=replace(DEFAULT.networks, **changes))
+
+
+def stages(change: Callable[[Stage], Stage]) -> Preset:
+    """Other stages."""
+    return replace(DEFAULT, stages=tuple(change(stage) for stage in DEFAULT.stages))
+
+
+def gradient_descent(stage: Stage) -> Stage:
+    """Trajectories fitted by Adam alone."""
+    if isinstance(stage, FitTrajectories):
+        return replace(stage, identify=0, restart=False, steps=max(stage.steps, 500))
+    return stage
+
+
+def nonlinear(preset: Preset) -> Preset:
+    """V and g without linear terms, which Gauss-Newton needs."""
+    by_descent = tuple(gradient_descent(s) for s in preset.stages)
+    windows = tuple(replace(s, linear=False) if isinstance(s, FitWindows) else s for s in by_descent)
+    return replace(preset, networks=replace(preset.networks, linear=False), stages=windows)
+
+
+VARIANTS: dict[str, Preset] = {
+    "default": DEFAULT,
+    "gaussians of .1 alone, no rods": networks(gaussian_widths=(0.1,), segment_widths=()),
+    "no background": networks(background=False),
+    "no saliency": networks(saliency=0.0),
+    "paper's optimiser, Adam 3e-4": stages(lambda s: replace(s, learning_rate=3e-4, one_cycle=False, clip=None)),
+    "no Gauss-Newton": stages(gradient_descent),
+    "V, g without linear terms": nonlinear(DEFAULT),
+    "paper's loss and optimiser": replace(DEFAULT, stages=(Joint(steps=6000, batch=1, learning_rate=3e-4),)),
+    "32 channels, 8 groups": networks(width=32, groups=8),
+    "64 x 64 images": networks(folding=1),
+}
+
+
+@dataclass(frozen=True)
+class Args:
+    """What to compare.
+
+    Attributes:
+        data: Recordings to train with.
+        out: Folder for checkpoints and results.
+        system: Short name or environment id.
+        only: Names of rows; all by default.
+        seed: Seed of the training.
+    """
+
+    data: Path
+    out: Path
+    system: str = "acrobot"
+    only: tuple[str, ...] = ()
+    seed: int = 0
+
+
+def measure(args: Args, name: str) -> dict[str, Any]:
+    """Train one row and score it on the recordings held out."""
+    folder = args.out / args.system / name.replace(" ", "-").replace(",", "")
+    done = folder / "row.json"
+    if done.is_file():
+        return json.loads(done.read_text(encoding="utf-8"))
+    dataset, system, preset = read_dataset(args.data), resolve_env_id(args.system), VARIANTS[name]
+    sequences = dataset.sequences()
+    shape = sequences.frames.shape[2], sequences.frames.shape[3]
+    mechanism = system_of(system).mechanism
+    config = ModelConfig(mechanism, round(sequences.timestep, 9), shape, system, preset.networks)
+    start = time.monotonic()
+    row: dict[str, Any] = {"row": name}
+    try:
+        result = train(dataset, config, folder, preset, args.seed)
+        score = evaluate(WorldModel.load(result.folder), dataset)
+        row |= {
+            "vpt": score.vpt_fraction,
+            "vpt_interval": score.vpt_interval,
+            "circular_r2": min(score.circular_r2.values()) if score.circular_r2 else None,
+            "reconstruction_mse": score.reconstruction_mse,
+        }
+    except TrainingError as error:  # keypoints that collapse are a result, too
+        row["failure"] = str(error)
+    row["seconds"] = round(time.monotonic() - start)
+    folder.mkdir(parents=True, exist_ok=True)
+    done.write_text(json.dumps(row), encoding="utf-8")
+    return row
+
+
+if __name__ == "__main__":
+    args = tyro.cli(Args)
+    for name in args.only or VARIANTS:
+        print(json.dumps(measure(args, name)), flush=True)

@@ -1,0 +1,95 @@
+"""Where a simulator comes from: its model, and the MJCF behind it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import gymnasium as gym
+import mujoco
+
+from keycld_envs.errors import InputError
+from keycld_envs.registration import resolve_env_id
+
+
+@dataclass(frozen=True)
+class Source:
+    """A simulator.
+
+    Attributes:
+        model: compiled.
+        mjcf: the MJCF file, or text; None if the environment does not tell.
+        assets: files that `mjcf` includes or refers to, by name.
+        environment: id of the environment, None for a file.
+    """
+
+    model: mujoco.MjModel
+    mjcf: Path | str | None
+    assets: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+    environment: str | None = None
+
+    @classmethod
+    def of_file(cls, path: Path) -> "Source":
+        """A MuJoCo XML file.
+
+        Raises:
+            InputError: if it does not compile.
+        """
+        if not path.is_file():
+            raise InputError(f"{path} is no file; hand in a MuJoCo XML file.")
+        try:
+            return cls(mujoco.MjModel.from_xml_path(str(path)), path)
+        except ValueError as error:
+            raise InputError(f"{path} does not compile: {error}.") from error
+
+    @classmethod
+    def of_environment(cls, name: str) -> "Source":
+        """A Gymnasium environment on MuJoCo: of KeyCLD, or any whose `model` is an MjModel.
+
+        Raises:
+            InputError: if there is none of that name, or it has no such model.
+        """
+        env_id = resolve_env_id(name)
+        env = gym.make(env_id).unwrapped
+        model = getattr(env, "model", None)
+        if not isinstance(model, mujoco.MjModel):
+            raise InputError(f"The environment {env_id} has no MuJoCo model; name another, or an MJCF file by --mjcf.")
+        system, path = getattr(env, "system", None), getattr(env, "fullpath", None)
+        if system is not None:
+            return cls(model, system.mjcf, system.assets, env_id)
+        return cls(model, None if path is None else Path(path), {}, env_id)
+
+    @classmethod
+    def of(cls, mjcf: Path | None, environment: str | None) -> "Source":
+        """A file if there is one, else an environment.
+
+        Raises:
+            InputError: if there is neither, or it cannot be used.
+        """
+        if mjcf is not None:
+            return cls.of_file(mjcf)
+        if environment is None:
+            raise InputError(
+                "The recordings name no environment; say which simulator to compare with, --env or --mjcf."
+            )
+        return cls.of_environment(environment)
+
+    def spec(self) -> mujoco.MjSpec:
+        """The MJCF, for editing; every body, joint and actuator has a name.
+
+        Raises:
+            InputError: if the MJCF is not known.
+        """
+        if self.mjcf is None:
+            raise InputError(f"The environment {self.environment} does not tell its MJCF; name the file by --mjcf.")
+        included = {name: content for name, content in self.assets.items() if name.endswith(".xml")}
+        others = {name: content for name, content in self.assets.items() if name not in included}
+        if isinstance(self.mjcf, Path):
+            spec = mujoco.MjSpec.from_file(str(self.mjcf), include=included, assets=others)
+            folder = self.mjcf.resolve().parent
+            spec.meshdir, spec.texturedir = str(folder / spec.meshdir), str(folder / spec.texturedir)
+        else:
+            spec = mujoco.MjSpec.from_string(self.mjcf, include=included, assets=others)
+        for kind, elements in (("body", spec.bodies), ("joint", spec.joints), ("actuator", spec.actuators)):
+            for i, element in enumerate(elements):
+                element.name = element.name or f"{kind}_{i}"
+        return spec
