@@ -88,7 +88,7 @@ def misfit(fit: Fit) -> float:
     if left < NOISE:
         return 1.0
     residual = fit.problem.residual(fit.point).reshape(fit.problem.windows.measured.shape)
-    together, n = 1.0, residual.shape[1]
+    together, n = 1.0, fit.problem.windows.measured.shape[1]
     for lag in range(1, n // 2):
         rho = float(np.sum(residual[:, lag:] * residual[:, :-lag]) / np.sum(residual**2)) * n / (n - lag)
         if rho < 0.05:
