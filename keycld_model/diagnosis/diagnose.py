@@ -26,7 +26,7 @@ from keycld_model.diagnosis.noise import noise
 from keycld_model.diagnosis.prepare import SAMPLES, split, thin
 from keycld_model.diagnosis.pulses import PRICE, concentrated, price, pushed
 from keycld_model.diagnosis.report import FitErrors, Report, Verdict
-from keycld_model.diagnosis.residual_force import fit_residual_force
+from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force
 from keycld_model.diagnosis.search import Scored, Search
 from keycld_model.diagnosis.simulator import Simulator
 from keycld_model.diagnosis.windows import cut
@@ -37,9 +37,9 @@ HORIZON = 4
 """Windows that a long rollout is as long as."""
 CLEAR, DOUBTFUL = 10.0, 3.0
 """Nats that findings must gain, with their numbers paid for, to be certain, and to be mentioned."""
-MATERIAL = 0.02
-"""Share of what named effects gained that a force without a name must gain on held-out recordings: its forms are free,
-and may mend idealisations of theirs."""
+UNKNOWN, MATERIAL = 15.0, 0.02
+"""Nats, and share of what named effects gained, that a force without a name must gain on held-out recordings: its form
+is free, and may mend idealisations of theirs."""
 EXCLUDED = ("external_pulse",)
 """Effects with a search of their own."""
 
@@ -77,7 +77,8 @@ def diagnose(
         advance(1, "testing on held-out recordings")
         trial = _Trial.of(refitted, test, sigma)
         pulses = best.fit.point.variant.pulses
-        gain, nats = refitted.cost - best.score - PRICE * len(pulses), trial.gain(refitted, best.fit)
+        gain = refitted.cost / search.temper - best.score - PRICE * len(pulses)
+        nats = trial.gain(refitted, best.fit) / search.temper
         verdict: Verdict = "no_mismatch"
         if (best.fit.effects or pulses) and gain > DOUBTFUL:
             verdict = "mismatch" if gain > CLEAR and nats > 0 else "undetermined"
@@ -86,15 +87,15 @@ def diagnose(
         findings = [] if verdict == "no_mismatch" else found
         unexplained = unexplained_of(trial.short(refitted), trial.short(named), model)
         advance(1, "looking for what has no name")
-        chosen, ceiling = named, None
-        if unexplained.significant:
-            chosen, verdict = fit_residual_force(named), "mismatch" if verdict == "mismatch" else "undetermined"
-            extra = trial.gain(named, chosen)
-            if extra > max(CLEAR, MATERIAL * max(nats, 0.0)):
-                findings.append(unknown_of(chosen, extra / (extra + max(nats, 0.0))))
-                verdict = "mismatch"
-            else:
-                chosen = named
+        smooth = fit_residual_force(named, ROUNDS if unexplained.significant else 2)
+        extra = trial.gain(named, smooth) / search.temper
+        unknown = extra > max(UNKNOWN, MATERIAL * nats)
+        chosen, ceiling = (smooth if unknown else named), None
+        if unknown:
+            findings.append(unknown_of(chosen, extra / (extra + max(nats, 0.0))))
+            verdict = "mismatch"
+        elif unexplained.significant and verdict == "no_mismatch":
+            verdict = "undetermined"
         elif verdict != "no_mismatch":
             ceiling = fit_residual_force(refitted, rounds=2)
         nominal = replace(refitted, point=refitted.problem.start())
@@ -119,6 +120,7 @@ def diagnose(
             "gain_nats": round(float(gain), 2),
             "held_out_gain_nats": round(float(nats), 2),
             "chi_square": {"refitted": refitted.chi_square, "corrected": chosen.chi_square},
+            "temper": search.temper,
             "noise": sigma.tolist(),
             "windows": len(refitted.problem.windows),
             "step_s": simulator.step,
@@ -154,7 +156,7 @@ def _search(fits: Sequence[Fit]) -> tuple[Search, Fit, Scored]:
     if other.problem.minimise(other.point.with_effects(*best.fit.effects)).cost < best.fit.cost - 1:
         refitted, search = other, Search(other.problem, EXCLUDED)
         best = search.run(refitted.point)
-    return search, refitted, best
+    return search, refitted, search.soften(best)
 
 
 def _necessary(best: Scored) -> Scored:

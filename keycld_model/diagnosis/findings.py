@@ -14,15 +14,15 @@ from keycld_model.diagnosis.pulses import joined
 from keycld_model.diagnosis.report import Estimate, Finding, FitErrors, Unexplained, Verdict
 from keycld_model.diagnosis.search import Scored, Search
 
-EXPLAINED, SURE = 0.06, 5.0
-"""Above one, what the mean square of whitened residuals may be where only noise is left: the noise is known to a few
-percent, and the mean square to so many standard deviations."""
+EXPLAINED, SURE = 0.15, 4.0
+"""Above one, what the mean square of whitened residuals may be where only noise is left: the variance of the noise is
+known to some 5 %, and the mean square to so many standard deviations."""
 
 
 def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], search: Search) -> list[Finding]:
     """One per effect of the best set, with 90 % intervals, and what the data do not exclude in its place."""
-    deviations = iter(best.fit.deviations() * np.sqrt(max(1.0, best.fit.chi_square)))
-    weights = {keys: np.exp(best.score - s.score) for keys, s in search.found.items()}
+    deviations = iter(best.fit.deviations() * np.sqrt(max(search.temper, best.fit.chi_square)))
+    weights = {keys: np.exp(min(0.0, best.score - s.score)) for keys, s in search.found.items()}
     total = sum(weights.values())
     out = []
     for effect in best.fit.effects:

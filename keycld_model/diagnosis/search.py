@@ -20,6 +20,8 @@ FINALISTS = 2
 """How many of them are then refined to the end, beside the best of each size."""
 ENOUGH, LEAST_SHARE = 500.0, 0.25
 """Nats of misfit that suffice to choose among sets; where there is more, a share of the windows is looked at."""
+NOISE = 1.3
+"""Variance that a fit may leave, over the sensor's, to count as noise."""
 GENTLE = 0.03
 """Rad or m, root mean square over a window, that a probe may move a joint for its effect to count as linear."""
 PARTNERS = 40
@@ -79,6 +81,22 @@ def penalty(effects: Sequence[Effect], samples: int) -> float:
     return 0.5 * np.log(samples) * len(knobs(effects))
 
 
+def misfit(fit: Fit) -> float:
+    """Variance of what a fit leaves over the sensor's, times the samples that it is correlated over; one for noise."""
+    dof = max(1, fit.problem.samples - 2 * fit.point.q.size - len(fit.hessian))
+    left = 2 * fit.cost / dof
+    if left < NOISE:
+        return 1.0
+    residual = fit.problem.residual(fit.point).reshape(fit.problem.windows.measured.shape)
+    together, n = 1.0, fit.problem.windows.measured.shape[1]
+    for lag in range(1, n // 2):
+        rho = float(np.sum(residual[:, lag:] * residual[:, :-lag]) / np.sum(residual**2)) * n / (n - lag)
+        if rho < 0.05:
+            break
+        together += 2 * rho
+    return max(1.0, left) * together
+
+
 @dataclass(frozen=True)
 class Scored:
     """A fit, and what it costs with its numbers paid for."""
@@ -102,12 +120,14 @@ class Search:
 
     Attributes:
         found: best fit of each set of effects and places.
+        temper: nats of a fit that count as one, because even the best set leaves more than noise.
     """
 
     def __init__(self, problem: Problem, exclude: Iterable[str] = ()) -> None:
         self.problem = problem
         self.hypotheses = hypotheses(problem.simulator.model, exclude)
         self.found: dict[frozenset[tuple[str, str]], Scored] = {}
+        self.temper = 1.0
         self._nothing = np.inf
 
     def run(self, start: Point) -> Scored:
@@ -120,6 +140,21 @@ class Search:
                 break
             best = better
         return best
+
+    def soften(self, best: Scored) -> Scored:
+        """The best set when gains are measured by what the best set leaves, not by the sensor's noise alone.
+
+        A quasi-likelihood (Burnham and Anderson, 2002, section 2.5): where no set of effects fits down to the noise,
+        logarithms of likelihoods are divided by the variance that is left, times the samples over which it is
+        correlated; otherwise effects are found that only mend the shape of the misfit. Where only noise is left, this
+        changes nothing.
+        """
+        self.temper = misfit(best.fit)
+        if self.temper == 1.0:
+            return best
+        self.found = {keys: self._scored(s.fit) for keys, s in self.found.items()}
+        self._nothing = min((s.score for keys, s in self.found.items() if not keys), default=np.inf)
+        return self._pruned(min(self.found.values(), key=_score))
 
     def _simplified(self, best: Scored) -> Scored:
         """With fewer numbers, if any set found on the way explains materially as much."""
@@ -172,15 +207,20 @@ class Search:
 
     def _refine(self, point: Point, iterations: int = 12) -> Scored:
         fit = self.problem.minimise(point, iterations)
-        scored = Scored(fit, fit.cost + penalty(fit.effects, self.problem.samples))
+        scored = self._scored(fit)
         if scored.keys not in self.found or scored.score < self.found[scored.keys].score:
             self.found[scored.keys] = scored
         return scored
 
+    def _scored(self, fit: Fit) -> Scored:
+        return Scored(fit, fit.cost / self.temper + penalty(fit.effects, self.problem.samples))
+
     def _pruned(self, best: Scored) -> Scored:
         """Without effects that are not worth their numbers."""
         while True:
-            doubtful = [e for e in best.fit.effects if best.fit.worth(e) < DOUBTFUL + 10 * self._least(best)]
+            doubtful = [
+                e for e in best.fit.effects if best.fit.worth(e) < self.temper * (DOUBTFUL + 10 * self._least(best))
+            ]
             fewer = [
                 self._refine(best.fit.point.with_effects(*(e for e in best.fit.effects if e is not effect)))
                 for effect in doubtful

@@ -39,7 +39,7 @@ def report(*pulses: tuple[str, float, float, float]) -> Report:
 
 
 def test_pushes_are_scored_by_overlap_joint_and_samples() -> None:
-    t = 0.01 * np.arange(300)
+    t = 0.01 * np.arange(300, dtype=np.float64)
     torque = np.zeros((300, 2))
     torque[:, 0] = 0.6 * np.exp(-(((t - 1) / 0.1) ** 2)) + 0.1 * np.exp(-(((t - 2) / 0.1) ** 2))
     ((a, b),) = r1.true_windows(t, torque[:, 0])

@@ -15,7 +15,7 @@ from keycld_model.diagnosis.real.rigs import Link, pendulum
 FILE = "string_pendulum_phone/lab1_data.txt"
 MASS, LENGTH = 0.0415, 0.65
 """kg, m; of the owner's report."""
-REQUIRED = "quadratic_drag named; more than noise (a phase error) stays unexplained"
+REQUIRED = "quadratic_drag and nothing else named; more than noise (a phase error) stays unexplained"
 
 
 def recording(folder: Path) -> Recording:
@@ -42,7 +42,7 @@ def run(folder: Path) -> GateResult:
         title="string pendulum, phone video, 20 Hz",
         required=REQUIRED,
         reached=f"{describe(report)}; {report.unexplained.message}",
-        passed=drag is not None and report.unexplained.significant,
+        passed=drag is not None and len(report.findings) == 1 and report.unexplained.significant,
         numbers={
             "drag_per_inertia": None if drag is None else drag.parameters["d"].value / (MASS * LENGTH**2),
             "errors_mrad": [report.fit.nominal, report.fit.refitted, report.fit.corrected],

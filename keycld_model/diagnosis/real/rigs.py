@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
+# Steps as large as accuracy allows: the diagnosis also tries the model's own, and walks through them one by one.
 _HEAD = """<mujoco><option timestep="{step}" gravity="0 0 {gravity}" integrator="RK4"><flag contact="disable"/></option>
 <worldbody>"""
 
@@ -46,7 +47,7 @@ def pendulum(link: Link, *, motor: bool, turned: float = 0.0, gravity: float = 9
     """
     actuator = '<actuator><motor name="motor" joint="hinge"/></actuator>' if motor else ""
     return mujoco.MjModel.from_xml_string(
-        _HEAD.format(step=0.002, gravity=-gravity)
+        _HEAD.format(step=0.01, gravity=-gravity)
         + f'<body name="link" euler="0 {turned!r} 0">{link.inertial()}'
         + f'<joint name="hinge" axis="0 1 0" armature="{link.armature!r}"/></body></worldbody>{actuator}</mujoco>'
     )
@@ -62,7 +63,7 @@ def double_pendulum(upper: Link, lower: Link, length: float, gravity: float = 9.
         gravity: m/s².
     """
     return mujoco.MjModel.from_xml_string(
-        _HEAD.format(step=0.002, gravity=-gravity)
+        _HEAD.format(step=0.005, gravity=-gravity)
         + f'<body name="upper">{upper.inertial()}<joint name="shoulder" axis="0 1 0" armature="{upper.armature!r}"/>'
         + f'<body name="lower" pos="0 0 {-length!r}">{lower.inertial()}'
         + f'<joint name="elbow" axis="0 1 0" armature="{lower.armature!r}"/></body></body></worldbody>'
