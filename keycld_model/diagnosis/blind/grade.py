@@ -13,8 +13,9 @@ import numpy as np
 
 from keycld_model.diagnosis.blind.case import TRAINING, Case, Signals, recording
 from keycld_model.diagnosis.blind.mechanism import Array
-from keycld_model.diagnosis.diagnose import SAMPLES, WINDOWS, thin
+from keycld_model.diagnosis.diagnose import WINDOWS
 from keycld_model.diagnosis.fit import Problem
+from keycld_model.diagnosis.prepare import SAMPLES, thin
 from keycld_model.diagnosis.simulator import Simulator
 from keycld_model.diagnosis.source import Source
 from keycld_model.diagnosis.windows import Windows, cut

@@ -7,7 +7,7 @@ import mujoco
 
 from keycld_envs.recordings import Recording
 from keycld_envs.recordings.importers import Columns, assemble, read_csv
-from keycld_model.diagnosis.diagnose import split
+from keycld_model.diagnosis.prepare import split
 from keycld_model.diagnosis.real.gate import GateResult, describe, find, locate, timed_diagnosis
 from keycld_model.diagnosis.real.replay import curves
 from keycld_model.diagnosis.real.rigs import Link, pendulum

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from keycld_envs.effects import EFFECTS, Effect
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.diagnose import thin
 from keycld_model.diagnosis.fit import Point, Problem
+from keycld_model.diagnosis.prepare import thin
 from keycld_model.diagnosis.real.gate import Curve
 from keycld_model.diagnosis.report import Report
 from keycld_model.diagnosis.simulator import Simulator, Variant

@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.checks import check, check_apart
-from keycld_model.diagnosis.diagnose import EXPLAINED, HORIZON, SAMPLES, WINDOWS, thin
+from keycld_model.diagnosis.diagnose import HORIZON, WINDOWS
 from keycld_model.diagnosis.fit import Fit, Point, Problem
 from keycld_model.diagnosis.noise import noise
+from keycld_model.diagnosis.prepare import SAMPLES, thin
 from keycld_model.diagnosis.simulator import Simulator, Variant
 from keycld_model.diagnosis.windows import cut
 
+EXPLAINED = 1.3
+"""Mean square of whitened residuals up to which a baseline takes what is left for noise."""
 STEP = 0.0101
 """Greatest step of the simulator, s."""
 
