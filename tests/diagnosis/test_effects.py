@@ -4,7 +4,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from keycld_envs.effects import EFFECTS, AsymmetricFriction, CoulombFriction
+from keycld_envs.effects import (
+    EFFECTS,
+    AddedInertia,
+    AsymmetricFriction,
+    Backlash,
+    BaseMotion,
+    CoulombFriction,
+    HystereticFriction,
+    JointFlexibility,
+    LoadDependentFriction,
+    ParameterDrift,
+)
+from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.systems import SYSTEMS
 
 CASES = [(effect, system) for effect in EFFECTS.values() for system in ("pendulum", "cartpole", "acrobot")]
@@ -86,3 +98,108 @@ def test_delay_and_lag_conserve_impulse(delay):
         assert got.sum() == pytest.approx(5, abs=1e-3)
         centre = (got[:, 0] * np.arange(len(u))).sum() / got.sum()
         assert centre * h == pytest.approx(5 * h + delay, abs=1e-4)
+
+
+def swing(model, effects, q, v, seconds, u=0.0, h=None):
+    """Positions and velocities at the steps, with effects as an environment applies them."""
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.timestep = h or 0.001
+    physics, data, out = AddedPhysics(effects, model), mujoco.MjData(model), []
+    physics.reset()
+    data.qpos[:], data.qvel[:] = q, v
+    for _ in range(round(seconds / model.opt.timestep)):
+        data.ctrl[:] = u
+        for _ in physics.steps(data, 1):
+            mujoco.mj_step(model, data)
+        out.append([*data.qpos, *data.qvel])
+    return np.array(out)
+
+
+def energy(model, state):
+    """Kinetic and potential energy, J."""
+    data, out = mujoco.MjData(model), []
+    model.opt.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    for row in state:
+        data.qpos[:], data.qvel[:] = np.split(row, 2)
+        mujoco.mj_forward(model, data)
+        out.append(data.energy.sum())
+    return np.array(out)
+
+
+def test_bristles_hold_like_a_spring_and_slide_like_dry_friction():
+    model, friction = SYSTEMS["pendulum"].compile(), HystereticFriction("hinge", c=0.3, s=20.0)
+    memory, q = np.zeros(1), np.zeros(1)
+    held, memory = friction.advance(model, memory, np.zeros(()), q, np.array([0.001]), np.zeros(1), 0.1)
+    assert held[0] == pytest.approx(-20 * 0.001 * 0.1 / 2, rel=1e-2)  # mean of a spring stretched from zero
+    for _ in range(50):
+        slid, memory = friction.advance(model, memory, np.zeros(()), q, np.array([1.0]), np.zeros(1), 0.01)
+    assert slid[0] == pytest.approx(-0.3, rel=1e-3)
+
+
+def test_inside_the_gap_nothing_reaches_the_joint():
+    model = SYSTEMS["pendulum"].compile()
+    free = swing(model, [Backlash("torque", j=0.01, g=0.5)], 0.3 + np.pi, 0.0, 0.05, u=1.0)
+    alone = swing(SYSTEMS["pendulum"].compile(), [], 0.3 + np.pi, 0.0, 0.05)
+    np.testing.assert_allclose(free, alone, atol=1e-9)
+    later = swing(SYSTEMS["pendulum"].compile(), [Backlash("torque", j=0.01, g=0.5)], np.pi, 0.0, 1.0, u=1.0)
+    assert np.abs(later - swing(SYSTEMS["pendulum"].compile(), [], np.pi, 0.0, 1.0)).max() > 0.1
+
+
+def test_a_shaft_passes_the_mean_torque_on():
+    """A rotor on a stiff shaft is an added inertia."""
+    shaft = swing(SYSTEMS["pendulum"].compile(), [JointFlexibility("torque", j=0.05, k=300.0)], np.pi, 0.0, 1.0, u=1.0)
+    rotor = swing(SYSTEMS["pendulum"].compile(), [AddedInertia("hinge", i=0.05)], np.pi, 0.0, 1.0, u=1.0)
+    none = swing(SYSTEMS["pendulum"].compile(), [], np.pi, 0.0, 1.0, u=1.0)
+    assert np.abs(shaft - rotor)[:, 0].max() < 0.03 * np.abs(none - rotor)[:, 0].max() + 2e-3
+
+
+def test_the_load_of_a_bearing_is_weight_and_centrifugal_force():
+    model = SYSTEMS["pendulum"].compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = np.pi
+    mujoco.mj_forward(model, data)
+    body = model.body("pole").id
+    mass, arm = model.body_subtreemass[body], np.linalg.norm(data.subtree_com[body] - data.xpos[body])
+    force = LoadDependentFriction("hinge", mu=0.01).force(
+        model, np.zeros(()), np.array([np.pi]), np.array([2.0]), np.zeros(1)
+    )
+    assert force[0] == pytest.approx(-0.01 * mass * (9.81 + 4.0 * arm), rel=1e-6)
+
+
+@pytest.mark.parametrize("system", ["pendulum", "cartpole", "acrobot"])
+def test_an_accelerated_base_is_tilted_gravity(system):
+    model, moved = (SYSTEMS[system].compile() for _ in range(2))
+    moved.opt.gravity[0] -= 0.7
+    q, v = np.linspace(0.3, 1.1, model.nv), np.linspace(-1, 1, model.nv)
+    data, other = mujoco.MjData(model), mujoco.MjData(moved)
+    for m, d in ((model, data), (moved, other)):
+        d.qpos[:], d.qvel[:] = q, v
+        if m is model:
+            d.qfrc_applied[:] = BaseMotion("x", b=0.7, w=3.0).force(model, np.zeros(()), q, v, np.zeros(model.nu))
+        mujoco.mj_forward(m, d)
+    np.testing.assert_allclose(data.qacc, other.qacc, atol=1e-9)
+
+
+def test_what_leaks_accelerates_as_its_lighter_self():
+    model, lighter = (SYSTEMS["acrobot"].compile() for _ in range(2))
+    lighter.body_mass[2] *= 0.8
+    lighter.body_inertia[2] *= 0.8
+    q, v = np.array([0.4, 1.0]), np.array([1.0, -2.0])
+    data, other = mujoco.MjData(model), mujoco.MjData(lighter)
+    drift = ParameterDrift(model.body(2).name, r=-0.1)
+    for m, d in ((model, data), (lighter, other)):
+        d.qpos[:], d.qvel[:] = q, v
+        if m is model:
+            d.qfrc_applied[:] = drift.force(model, np.array(2.0), q, v, np.zeros(model.nu))
+        mujoco.mj_forward(m, d)
+    np.testing.assert_allclose(data.qacc, other.qacc, atol=1e-9)
+    assert model.body_mass[2] == lighter.body_mass[2] / 0.8
+
+
+@pytest.mark.parametrize(
+    "effect", [HystereticFriction("elbow", c=0.2, s=10.0), LoadDependentFriction("elbow", mu=0.02)]
+)
+def test_friction_with_a_past_or_a_load_takes_energy(effect):
+    state = swing(SYSTEMS["acrobot"].compile(), [effect], [1.0, 0.5], [0.0, 0.0], 3.0)
+    e = energy(SYSTEMS["acrobot"].compile(), state[::50])
+    assert e[-1] < e[0] - 0.1 and np.diff(e).max() < 0.05
