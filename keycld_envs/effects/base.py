@@ -183,7 +183,7 @@ class TransmissionEffect(ActuatorEffect):
 
     family: ClassVar[str] = "structure"
     memory: ClassVar[int] = 2
-    substeps: ClassVar[int] = 40
+    substeps: ClassVar[int] = 20
 
     @property
     def forces(self) -> bool:

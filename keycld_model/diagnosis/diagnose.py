@@ -1,6 +1,6 @@
 """The whole diagnosis: refit, search, test on held-out recordings, report."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -37,6 +37,8 @@ HORIZON = 4
 """Windows that a long rollout is as long as."""
 CLEAR, DOUBTFUL = 10.0, 3.0
 """Nats that findings must gain, with their numbers paid for, to be certain, and to be mentioned."""
+DISTANT, NATURE = 50.0, 10.0
+"""Nats by which the simulator's own steps must fit better to be tried first, and to be preferred to accurate ones."""
 UNKNOWN, MATERIAL = 15.0, 0.02
 """Nats, and share of what named effects gained, that a force without a name must gain on held-out recordings: its form
 is free, and may mend idealisations of theirs."""
@@ -69,9 +71,9 @@ def diagnose(
     spacing = float(np.median(np.concatenate([np.diff(np.asarray(r.t_state)) for r in training])))
     fine, sigma = spacing / np.ceil(spacing / 0.0101), noise(training)
     with progress("Diagnosing", total=5) as advance:
-        fits = [_refit(simulator, training, sigma) for simulator in (Simulator(model, fine), Simulator(model))]
+        accurate, own = (_refit(s, training, sigma) for s in (Simulator(model, fine), Simulator(model)))
         advance(1, "searching")
-        search, refitted, best = _search(sorted(fits, key=lambda fit: fit.cost))
+        search, refitted, best = _search(accurate, own, lambda fit: _Trial.of(fit, test, sigma))
         advance(1, "rivals")
         rivals = search.rivals(best)
         advance(1, "testing on held-out recordings")
@@ -139,24 +141,47 @@ def _refit(simulator: Simulator, recordings: Sequence[Recording], sigma: NDArray
     return problem.minimise(problem.start(), iterations=15)
 
 
-def _search(fits: Sequence[Fit]) -> tuple[Search, Fit, Scored]:
-    """Of fits with several integrators, the best first: a simulation repeats its own integrator, nature has none."""
-    refitted, other = fits
-    base = pushed(refitted) if concentrated(refitted) else refitted
-    search = Search(refitted.problem, EXCLUDED)
-    best = search.run(base.point)
-    if base is refitted and significant(best.fit).max() > 0 and concentrated(best.fit):
-        again = pushed(best.fit)
-        if again.point.variant.pulses:
-            search = Search(refitted.problem, EXCLUDED)
-            best = search.run(again.point)
-    best = _necessary(best)
+def _search(accurate: Fit, own: Fit, held_out: Callable[[Fit], "_Trial"]) -> tuple[Search, Fit, Scored]:
+    """With accurate steps, or with the simulator's own: a simulation repeats its own errors, nature has none.
+
+    Where both fit nearly alike, errors of the simulator's steps may look like an effect; held-out recordings help to
+    decide.
+    """
+    far = own.cost < accurate.cost - DISTANT
+    first, second = (own, accurate) if far else (accurate, own)
+    search, best = _explain(first)
     if best.fit.point.variant.pulses:
-        return search, refitted, best
-    if other.problem.minimise(other.point.with_effects(*best.fit.effects)).cost < best.fit.cost - 1:
-        refitted, search = other, Search(other.problem, EXCLUDED)
-        best = search.run(refitted.point)
-    return search, refitted, search.soften(best)
+        return search, first, best
+    with_effects = second.problem.minimise(second.point.with_effects(*best.fit.effects))
+    again = with_effects.cost < best.fit.cost - (1 if far else NATURE)
+    if not far and not again and best.fit.effects:
+        trials = likelihood(held_out(second).short(second)), likelihood(held_out(first).short(best.fit))
+        again = second.cost - trials[0] < best.score - trials[1] - NATURE
+    if again:
+        search, best = _explain(second)
+        return search, second, best
+    return search, first, best
+
+
+def _explain(refitted: Fit) -> tuple[Search, Scored]:
+    """The best set of effects and pushes with one integrator; pushes come first where the misfit is in few windows."""
+    options: list[tuple[Search, Scored]] = []
+
+    def run(start: Fit) -> Scored:
+        search = Search(refitted.problem, EXCLUDED)
+        options.append((search, _necessary(search.run(start.point))))
+        return options[-1][1]
+
+    first = pushed(refitted) if concentrated(refitted) else refitted
+    best = run(first)
+    if significant(best.fit).max() > 0:
+        best = run(refitted) if first.point.variant.pulses else best
+        if not first.point.variant.pulses and concentrated(best.fit):
+            again = pushed(best.fit)
+            if again.point.variant.pulses:
+                run(again)
+    search, best = min(options, key=lambda option: option[1].score - option[1].fit.cost + price(option[1].fit))
+    return search, search.soften(best)
 
 
 def _necessary(best: Scored) -> Scored:

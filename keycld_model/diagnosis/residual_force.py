@@ -1,5 +1,6 @@
 """A force without a name: a smooth function of the joints' state, where no named effect suffices."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -116,11 +117,12 @@ def fit_residual_force(fit: Fit, rounds: int = ROUNDS, seed: int = 0) -> Fit:
     normal = _Normal.at(fit, paths)
     old = np.zeros((drawn[0](*paths).shape[-1], model.nv))
     priors = [(ridge, coupling) for ridge in RIDGES for coupling in COUPLINGS]
-    features = min(drawn, key=lambda f: min(normal.validate(f, f.precision(*p), old) for p in priors))
+    features = min(drawn, key=lambda f: normal.validate(f, [f.precision(*p) for p in priors], old).min())
+    precisions = [features.precision(*p) for p in priors]
     best, weights = fit, old
     for _ in range(rounds):
-        prior = min((features.precision(*p) for p in priors), key=lambda p: normal.validate(features, p, weights))
-        change, values = normal.solve(features, prior, weights, np.ones(len(normal.vectors), dtype=bool))
+        prior = precisions[int(normal.validate(features, precisions, weights).argmin())]
+        change, values = normal.solve(features, prior, weights)
         for fraction in (1.0, 0.5, 0.2):
             tried = weights + fraction * change
             where = model.joint(int(np.argmax(np.std(features(*paths) @ tried, axis=(0, 1))))).name
@@ -191,9 +193,24 @@ class _Normal:
             scale,
         )
 
-    def solve(self, features: Features, prior: Array, weights: Array, used: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Changes of weights `[k, nv]` and of nuisances `[n]` from some windows."""
-        matrix, vector = self._features(features, used)
+    def solve(self, features: Features, prior: Array, weights: Array) -> tuple[Array, Array]:
+        """Changes of weights `[k, nv]` and of nuisances `[n]`."""
+        return self._solve(*self._features(features, np.ones(len(self.vectors), dtype=bool)), prior, weights)
+
+    def validate(self, features: Features, priors: Sequence[Array], weights: Array) -> Array:
+        """Costs on every third recording after changes of weights from the others, one per prior."""
+        test = self.recording % 3 == 2
+        if test.all() or not test.any():
+            test = np.arange(len(self.recording)) % 3 == 2
+        train, (matrix, vector) = self._features(features, ~test), self._features(features, test)
+        out = []
+        for prior in priors:
+            change, values = self._solve(*train, prior, weights)
+            x = np.concatenate([values, change.ravel()])
+            out.append(0.5 * float(x @ matrix @ x) - float(vector @ x))
+        return np.array(out)
+
+    def _solve(self, matrix: Array, vector: Array, prior: Array, weights: Array) -> tuple[Array, Array]:
         n, nv = len(self.prior), len(self.scale)
         precision = np.outer(prior, self.scale**-2).ravel()
         vector = vector.copy()
@@ -202,16 +219,6 @@ class _Normal:
         regular = matrix + np.diag(np.concatenate([self.prior, precision]))
         solution = np.linalg.solve(regular, vector).astype(np.float64)
         return solution[n:].reshape(-1, nv), solution[:n]
-
-    def validate(self, features: Features, prior: Array, weights: Array) -> float:
-        """Cost on every third recording after a change of weights from the others."""
-        test = self.recording % 3 == 2
-        if test.all() or not test.any():
-            test = np.arange(len(self.recording)) % 3 == 2
-        change, values = self.solve(features, prior, weights, ~test)
-        matrix, vector = self._features(features, test)
-        x = np.concatenate([values, change.ravel()])
-        return 0.5 * float(x @ matrix @ x) - float(vector @ x)
 
     def _features(self, features: Features, used: NDArray[np.bool_]) -> tuple[Array, Array]:
         n, nv = len(self.prior), len(self.scale)

@@ -29,6 +29,8 @@ PARTNERS = 40
 MATERIAL = 0.005
 """Share of all that a set gains that each of its effects must gain. Named effects are idealised forms, of dry friction
 near standstill above all; what gains less may only mend the form of another."""
+LOOKED = 6.0
+"""Nats that an effect must gain beyond the price of its numbers, for it was looked for among hundreds."""
 DOUBTFUL = 100.0
 """Nats below which it is tried whether a fit needs an effect."""
 LARGEST = 4
@@ -165,7 +167,7 @@ class Search:
 
     def _least(self, scored: Scored) -> float:
         """Nats that one more effect must gain."""
-        return max(1.0, MATERIAL * (self._nothing - scored.score))
+        return max(LOOKED, MATERIAL * (self._nothing - scored.score))
 
     def _finalists(self, scored: Scored, largest: int = 3) -> list[Scored]:
         """The most promising sets with one to three more effects."""

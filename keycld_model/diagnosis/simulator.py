@@ -17,6 +17,8 @@ from keycld_model.diagnosis.windows import Windows
 
 Array = NDArray[np.float64]
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
+TOGETHER = 32
+"""Rollouts at once; each may need a copy of the model, and copies are large."""
 _CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
 
 
@@ -108,6 +110,18 @@ class Simulator:
         Returns:
             `[P, W, n, nv]`; NaN where a rollout diverges.
         """
+        if len(which) > TOGETHER:
+            parts = [slice(i, i + TOGETHER) for i in range(0, len(which), TOGETHER)]
+            return np.concatenate(
+                [
+                    self.simulate(
+                        variants, which[p], windows, q[p], v[p], pushes[p] if isinstance(pushes, np.ndarray) else pushes
+                    )
+                    for p in parts
+                ]
+            )
+        used, which = np.unique(which, return_inverse=True)
+        variants = [variants[i] for i in used]
         positions, velocities, _ = self.roll(variants, which, windows, q, v, pushes)
         out = np.empty((len(which), *windows.measured.shape))
         zero = [i for i, n in enumerate(self.nuisances) if n.kind == "zero"]
