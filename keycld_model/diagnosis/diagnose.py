@@ -39,11 +39,21 @@ CLEAR, DOUBTFUL = 10.0, 3.0
 """Nats that findings must gain, with their numbers paid for, to be certain, and to be mentioned."""
 DISTANT, NATURE = 50.0, 10.0
 """Nats by which the simulator's own steps must fit better to be tried first, and to be preferred to accurate ones."""
+POOR = 500.0
+"""Nats above noise from which a fit is too poor for that: the better one is tried first."""
 UNKNOWN, MATERIAL = 15.0, 0.02
 """Nats, and share of what named effects gained, that a force without a name must gain on held-out recordings: its form
 is free, and may mend idealisations of theirs."""
-EXCLUDED = ("external_pulse",)
-"""Effects with a search of their own."""
+EXCLUDED = (
+    "external_pulse",  # has a search of its own
+    "backlash",
+    "base_motion",
+    "hysteretic_friction",
+    "joint_flexibility",
+    "load_dependent_friction",
+    "parameter_drift",
+)
+"""Effects that are not searched for: those with a memory or a look at every body make a search several times slower."""
 
 
 def diagnose(
@@ -147,7 +157,7 @@ def _search(accurate: Fit, own: Fit, held_out: Callable[[Fit], "_Trial"]) -> tup
     Where both fit nearly alike, errors of the simulator's steps may look like an effect; held-out recordings help to
     decide.
     """
-    far = own.cost < accurate.cost - DISTANT
+    far = own.cost < accurate.cost - (0 if accurate.excess > POOR else DISTANT)
     first, second = (own, accurate) if far else (accurate, own)
     search, best = _explain(first)
     if best.fit.point.variant.pulses:

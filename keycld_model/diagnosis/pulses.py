@@ -58,10 +58,30 @@ def with_pulses(fit: Fit, joints: Sequence[int] | None = None) -> Fit:
             break
         pulses = (*fit.point.variant.pulses, *new)
         point = replace(fit.point, variant=replace(fit.point.variant, pulses=pulses))
-        better = problem.minimise(_timed(problem, point), only_states=True)
+        better = problem.minimise(_timed(problem, point))
         if better.cost > fit.cost - PRICE:
             break
         fit = better
+    return _pruned(fit)
+
+
+def _pruned(fit: Fit) -> Fit:
+    """Without pulses that are not worth their price."""
+    problem, windows = fit.problem, fit.problem.windows
+    end = windows.start + windows.steps * windows.step
+    while pulses := fit.point.variant.pulses:
+        owner = [_window(windows, end, p) for p in pulses]
+        impulse = [abs(p.force * p.duration) for p in pulses]
+        tested = {w: min((i for i in range(len(pulses)) if owner[i] == w), key=impulse.__getitem__) for w in owner}
+        weak = set(tested.values())  # of each window, the weakest
+        variant = replace(fit.point.variant, pulses=tuple(p for i, p in enumerate(pulses) if i not in weak))
+        without = problem.minimise(replace(fit.point, variant=variant), only_states=True)
+        loss = problem.costs(without.point) - problem.costs(fit.point)
+        drop = {i for i in weak if loss[owner[i]] < PRICE}
+        if not drop:
+            break
+        variant = replace(fit.point.variant, pulses=tuple(p for i, p in enumerate(pulses) if i not in drop))
+        fit = problem.minimise(replace(fit.point, variant=variant))
     return fit
 
 
