@@ -1,6 +1,6 @@
 """The whole diagnosis: refit, search, test on held-out recordings, report."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -37,10 +37,6 @@ HORIZON = 4
 """Windows that a long rollout is as long as."""
 CLEAR, DOUBTFUL = 10.0, 3.0
 """Nats that findings must gain, with their numbers paid for, to be certain, and to be mentioned."""
-DISTANT, NATURE = 50.0, 10.0
-"""Nats by which the simulator's own steps must fit better to be tried first, and to be preferred to accurate ones."""
-POOR = 500.0
-"""Nats above noise from which a fit is too poor for that: the better one is tried first."""
 UNKNOWN, MATERIAL = 15.0, 0.02
 """Nats, and share of what named effects gained, that a force without a name must gain on held-out recordings: its form
 is free, and may mend idealisations of theirs."""
@@ -81,9 +77,9 @@ def diagnose(
     spacing = float(np.median(np.concatenate([np.diff(np.asarray(r.t_state)) for r in training])))
     fine, sigma = spacing / np.ceil(spacing / 0.0101), noise(training)
     with progress("Diagnosing", total=5) as advance:
-        accurate, own = (_refit(s, training, sigma) for s in (Simulator(model, fine), Simulator(model)))
+        fits = [_refit(s, training, sigma) for s in (Simulator(model, fine), Simulator(model))]
         advance(1, "searching")
-        search, refitted, best = _search(accurate, own, lambda fit: _Trial.of(fit, test, sigma))
+        search, refitted, best = _search(fits)
         advance(1, "rivals")
         rivals = search.rivals(best)
         advance(1, "testing on held-out recordings")
@@ -151,26 +147,16 @@ def _refit(simulator: Simulator, recordings: Sequence[Recording], sigma: NDArray
     return problem.minimise(problem.start(), iterations=15)
 
 
-def _search(accurate: Fit, own: Fit, held_out: Callable[[Fit], "_Trial"]) -> tuple[Search, Fit, Scored]:
-    """With accurate steps, or with the simulator's own: a simulation repeats its own errors, nature has none.
-
-    Where both fit nearly alike, errors of the simulator's steps may look like an effect; held-out recordings help to
-    decide.
-    """
-    far = own.cost < accurate.cost - (0 if accurate.excess > POOR else DISTANT)
-    first, second = (own, accurate) if far else (accurate, own)
-    search, best = _explain(first)
+def _search(fits: Sequence[Fit]) -> tuple[Search, Fit, Scored]:
+    """Of fits with several integrators, the best first: a simulation repeats its own integrator, nature has none."""
+    refitted, other = sorted(fits, key=lambda fit: fit.cost)
+    search, best = _explain(refitted)
     if best.fit.point.variant.pulses:
-        return search, first, best
-    with_effects = second.problem.minimise(second.point.with_effects(*best.fit.effects))
-    again = with_effects.cost < best.fit.cost - (1 if far else NATURE)
-    if not far and not again and best.fit.effects:
-        trials = likelihood(held_out(second).short(second)), likelihood(held_out(first).short(best.fit))
-        again = second.cost - trials[0] < best.score - trials[1] - NATURE
-    if again:
-        search, best = _explain(second)
-        return search, second, best
-    return search, first, best
+        return search, refitted, best
+    if other.problem.minimise(other.point.with_effects(*best.fit.effects)).cost < best.fit.cost - 1:
+        refitted = other
+        search, best = _explain(refitted)
+    return search, refitted, best
 
 
 def _explain(refitted: Fit) -> tuple[Search, Scored]:
