@@ -51,5 +51,5 @@ def run(folder: Path) -> GateResult:
         },
         seconds=round(time.perf_counter() - start, 1),
         reports={"diagnosis": report},
-        curves=curves(report, model, split([whole])[1], 40.0),
+        curves=curves(report, model, split([whole])[1], 10.0),
     )
