@@ -242,7 +242,7 @@ def test_the_score_counts_what_the_contract_says(hand_made):
     assert counted("outside the library: says so") == (1, 2)
     assert counted("indistinguishable: returns the set") == (1, 1)
     assert rows["indistinguishable: mean size of the set"]["reached"] == 2
-    assert counted("coverage of the 90 % intervals") == (3, 3)
+    assert counted("coverage of the 90 % intervals") == (2, 2)
     assert counted("corrected worse than refitted, held out") == (1, 9)
     assert rows["seconds per case, longest"]["reached"] == 2.0
     assert counted("failed with an error") == (1, 10)

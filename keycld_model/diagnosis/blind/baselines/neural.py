@@ -27,7 +27,7 @@ def neural(training: Sequence[Recording], held_out: Sequence[Recording], model: 
     slides = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
     inputs = [_inputs(r.q, r.v, r.u, slides) for r in runs]
     law = _train(inputs, [r.torque for r in runs], slides)
-    corrected = with_effects(setup.refitted.point.variant, LearntTorque("world", law))
+    corrected = with_effects(setup.refitted.point.variant, LearntTorque.of(law, runs))
     fit = setup.refitted
     verdict = "undetermined" if fit.chi_square > EXPLAINED else "no_mismatch"
     after = fit.problem.minimise(fit.point.with_effects(*corrected.effects), 4, only_states=True)

@@ -1,12 +1,13 @@
 """What torque the refitted simulator lacks, from smoothed accelerations; and an effect that is a learnt torque."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
 from scipy.signal import savgol_filter
 
 from keycld_envs.effects import Effect
@@ -50,6 +51,8 @@ def missing_torque(setup: Setup, recording: Recording) -> Samples:
     q, v, a = (np.asarray(savgol_filter(q, width, 3, deriv=d, delta=setup.spacing, axis=0), float) for d in range(3))
     edges = np.append(grid, grid[-1] + setup.spacing) - 0.5 * setup.spacing
     u, torque = average_commands(recording, edges), np.empty_like(q)
+    x = np.linspace(-1, 1, width + 2)[1:-1]
+    u = convolve1d(u, (1 - x**2) ** 2 / np.sum((1 - x**2) ** 2), axis=0)  # as the polynomials smooth accelerations
     for k in range(len(grid)):
         data.qpos[:], data.qvel[:], data.qacc[:], data.ctrl[:] = q[k], v[k], a[k], u[k]
         mujoco.mj_inverse(model, data)
@@ -59,9 +62,15 @@ def missing_torque(setup: Setup, recording: Recording) -> Samples:
     return Samples(q[inside], v[inside], u[inside], torque[inside])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LearntTorque(Effect):
-    """Any function of positions, velocities and commands, `[..., nv]`, as a generalised force."""
+    """Any function of positions, velocities and commands, `[..., nv]`, as a generalised force.
+
+    Attributes:
+        law: the function.
+        fastest: `[nv]` of the motion that it was learnt from; faster counts as this.
+        largest: `[nv]` torque there; more is cut off, so that a bad law cannot make rollouts infinite.
+    """
 
     id: ClassVar[str] = "unknown"
     family: ClassVar[str] = "unknown"
@@ -69,6 +78,16 @@ class LearntTorque(Effect):
     equation: ClassVar[str] = "tau = f(q, v, u)"
 
     law: Callable[[Array, Array, Array], Array]
+    fastest: Array
+    largest: Array
+
+    @classmethod
+    def of(cls, law: Callable[[Array, Array, Array], Array], runs: Sequence[Samples]) -> Self:
+        """With the limits of what it was learnt from."""
+        fastest, largest = (
+            np.max([np.abs(z).max(axis=0) for z in (getattr(r, key) for r in runs)], axis=0) for key in ("v", "torque")
+        )
+        return cls("world", law, fastest, largest)
 
     @classmethod
     def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
@@ -76,5 +95,5 @@ class LearntTorque(Effect):
         return ()
 
     def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """The law."""
-        return self.law(q, v, u)
+        """The law, within its limits."""
+        return np.clip(self.law(q, np.clip(v, -self.fastest, self.fastest), u), -self.largest, self.largest)

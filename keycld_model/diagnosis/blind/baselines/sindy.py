@@ -59,7 +59,7 @@ def sindy(training: Sequence[Recording], held_out: Sequence[Recording], model: m
     for j, weights in enumerate(laws):
         for name, weight in weights.items():
             _, effect, family, sign = TERMS[name]
-            if sign * weight < 0 or not sign:
+            if sign * weight > 0 or not sign:
                 kind, place = "joint", model.joint(j).name
                 if effect == "gravity_tilt":
                     kind, place = "world", "world"
@@ -70,7 +70,7 @@ def sindy(training: Sequence[Recording], held_out: Sequence[Recording], model: m
             terms = {f"{name} at {model.joint(j).name}": {"value": weight, "unit": "N m"}}
             one = named.setdefault((effect, place), finding(effect, family, kind, place, {}))
             one["parameters"] |= terms
-    corrected = with_effects(setup.refitted.point.variant, LearntTorque("world", law))
+    corrected = with_effects(setup.refitted.point.variant, LearntTorque.of(law, runs))
     problem = setup.refitted.problem
     fit = problem.minimise(setup.refitted.point.with_effects(*corrected.effects), 4, only_states=True)
     return setup.report("mismatch" if named else "no_mismatch", list(named.values()), corrected, fit.chi_square)
