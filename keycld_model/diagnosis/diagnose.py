@@ -160,7 +160,7 @@ def _search(fits: Sequence[Fit]) -> tuple[Search, Fit, Scored]:
 
 
 def _explain(refitted: Fit) -> tuple[Search, Scored]:
-    """The best set of effects and pushes with one integrator; pushes come first where the misfit is in few windows."""
+    """The best set of effects and pushes with one integrator; pushes only where effects alone leave more than noise."""
     options: list[tuple[Search, Scored]] = []
 
     def run(start: Fit) -> Scored:
@@ -168,15 +168,16 @@ def _explain(refitted: Fit) -> tuple[Search, Scored]:
         options.append((search, _necessary(search.run(start.point))))
         return options[-1][1]
 
-    first = pushed(refitted) if concentrated(refitted) else refitted
-    best = run(first)
+    best = run(refitted)
     if significant(best.fit).max() > 0:
-        best = run(refitted) if first.point.variant.pulses else best
-        if not first.point.variant.pulses and concentrated(best.fit):
-            again = pushed(best.fit)
-            if again.point.variant.pulses:
-                run(again)
-    search, best = min(options, key=lambda option: option[1].score - option[1].fit.cost + price(option[1].fit))
+        for fit in (refitted, best.fit):
+            start = pushed(fit) if concentrated(fit) else fit
+            if start.point.variant.pulses:
+                run(start)
+    plain = [o for o in options if not o[1].fit.point.variant.pulses]
+    whole = [o for o in options if significant(o[1].fit).max() <= 0]  # pushes that leave a misfit only fill in
+    candidates = [o for o in options if o in plain or o in whole] or options
+    search, best = min(candidates, key=lambda option: option[1].score - option[1].fit.cost + price(option[1].fit))
     return search, search.soften(best)
 
 
