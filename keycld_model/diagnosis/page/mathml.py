@@ -19,10 +19,12 @@ def mathml(equation: str) -> str:
     """An equation in Python's notation, typeset; as code if it is no expression.
 
     Args:
-        equation: as in `Effect.equation`: "tau = -c*sign(qd)", with `^`, `abs` or bars, "for" and "if".
+        equation: as in `Effect.equation`: "tau = -c*sign(qd)", with `^`, `abs` or bars, `J'` for a transpose,
+            "for" and "if".
     """
     text = equation.replace("^", "**").replace("da/dt", "adot").replace("lambda", "lambda_")
     text = re.sub(r"\|([^|]+)\|", r"abs(\1)", text)
+    text = re.sub(r"(\w+)'", r"transpose(\1)", text)
     statement, _, condition = text.partition(" for ")
     try:
         sides = [_node(ast.parse(side.strip(), mode="eval").body) for side in re.split(r"(?<![<>=!])=(?!=)", statement)]
@@ -67,6 +69,8 @@ def _node(node: ast.expr) -> str:
             )
         case ast.Call(func=ast.Name(id="abs"), args=[inner]):
             return f'<mrow><mo stretchy="false">|</mo>{_node(inner)}<mo stretchy="false">|</mo></mrow>'
+        case ast.Call(func=ast.Name(id="transpose"), args=[inner]):
+            return f"<msup>{_node(inner)}<mo>⊤</mo></msup>"
         case ast.Call(func=function, args=arguments):
             listed = "<mo>,</mo>".join(map(_node, arguments))
             return f"<mrow>{_node(function)}<mo>&#8289;</mo>{_bracketed(listed)}</mrow>"
