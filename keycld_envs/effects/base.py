@@ -137,8 +137,9 @@ class JointEffect(Effect):
 
     @property
     def forces(self) -> bool:
-        """The effect adds a torque."""
-        return self.memory > 0 or type(self).torque is not JointEffect.torque
+        """The effect adds a torque, or a force of more joints than its own."""
+        torque, force = type(self).torque is not JointEffect.torque, type(self).force is not JointEffect.force
+        return self.memory > 0 or torque or force
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """N m or N at times, for positions and velocities of this joint, all `[...]`."""
@@ -184,11 +185,6 @@ class TransmissionEffect(ActuatorEffect):
     family: ClassVar[str] = "structure"
     memory: ClassVar[int] = 2
     substeps: ClassVar[int] = 20
-
-    @property
-    def forces(self) -> bool:
-        """The effect changes the torque that reaches the joint."""
-        return True
 
     @property
     @abstractmethod

@@ -29,11 +29,6 @@ class LoadDependentFriction(JointEffect):
             out[..., dof] = -self.mu * self._load(model, q, v, u) * smooth_sign(v[..., dof])
         return out
 
-    @property
-    def forces(self) -> bool:
-        """The effect adds a force."""
-        return True
-
     def _load(self, model: mujoco.MjModel, q: Array, v: Array, u: Array) -> Array:
         """Force in the bearing, N."""
         joint = model.joint(self.where)

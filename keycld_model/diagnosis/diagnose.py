@@ -24,7 +24,7 @@ from keycld_model.diagnosis.fit import Fit, Problem
 from keycld_model.diagnosis.held_out import likelihood, replay, rollout_error
 from keycld_model.diagnosis.noise import noise
 from keycld_model.diagnosis.prepare import SAMPLES, split, thin
-from keycld_model.diagnosis.pulses import PRICE, concentrated, price, pushed
+from keycld_model.diagnosis.pulses import concentrated, paid, pushed
 from keycld_model.diagnosis.report import FitErrors, Report, Verdict
 from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force
 from keycld_model.diagnosis.search import Scored, Search
@@ -85,18 +85,19 @@ def diagnose(
         advance(1, "testing on held-out recordings")
         trial = _Trial.of(refitted, test, sigma)
         pulses = best.fit.point.variant.pulses
-        gain = refitted.cost / search.temper - best.score - PRICE * len(pulses)
-        nats = trial.gain(refitted, best.fit) / search.temper
+        gain = refitted.cost / search.temper - best.score - paid(pulses)
+        before, after = trial.short(refitted), trial.short(best.fit)
+        nats = (likelihood(after) - likelihood(before)) / search.temper
         verdict: Verdict = "no_mismatch"
         if (best.fit.effects or pulses) and gain > DOUBTFUL:
             verdict = "mismatch" if gain > CLEAR and nats > 0 else "undetermined"
-        named = best.fit if verdict != "no_mismatch" else refitted
+        named, shown = (refitted, before) if verdict == "no_mismatch" else (best.fit, after)
         found = [*findings_of(best, rivals, search), *pulses_of(best.fit, training)]
         findings = [] if verdict == "no_mismatch" else found
-        unexplained = unexplained_of(trial.short(refitted), trial.short(named), model)
+        unexplained = unexplained_of(before, shown, model)
         advance(1, "looking for what has no name")
         smooth = fit_residual_force(named, ROUNDS if unexplained.significant else 2)
-        extra = trial.gain(named, smooth) / search.temper
+        extra = (likelihood(trial.short(smooth)) - likelihood(shown)) / search.temper
         unknown = extra > max(UNKNOWN, MATERIAL * nats)
         chosen, ceiling = (smooth if unknown else named), None
         if unknown:
@@ -161,34 +162,34 @@ def _search(fits: Sequence[Fit]) -> tuple[Search, Fit, Scored]:
 
 def _explain(refitted: Fit) -> tuple[Search, Scored]:
     """The best set of effects and pushes with one integrator; pushes only where effects alone leave more than noise."""
-    options: list[tuple[Search, Scored]] = []
-
-    def run(start: Fit) -> Scored:
-        search = Search(refitted.problem, EXCLUDED)
-        options.append((search, _necessary(search.run(start.point))))
-        return options[-1][1]
-
-    best = run(refitted)
+    search = Search(refitted.problem, EXCLUDED)
+    best = search.run(refitted.point)
     if significant(best.fit).max() > 0:
         for fit in (refitted, best.fit):
             start = pushed(fit) if concentrated(fit) else fit
-            if start.point.variant.pulses:
-                run(start)
-    plain = [o for o in options if not o[1].fit.point.variant.pulses]
-    whole = [o for o in options if significant(o[1].fit).max() <= 0]  # pushes that leave a misfit only fill in
-    candidates = [o for o in options if o in plain or o in whole] or options
-    search, best = min(candidates, key=lambda option: option[1].score - option[1].fit.cost + price(option[1].fit))
+            if not start.point.variant.pulses:
+                continue
+            other = Search(refitted.problem, EXCLUDED)
+            found = _without_pulses(other.run(start.point))
+            filler = found.fit.point.variant.pulses and significant(found.fit).max() > 0
+            if not filler and _paid(found) < _paid(best):
+                search, best = other, found
     return search, search.soften(best)
 
 
-def _necessary(best: Scored) -> Scored:
+def _paid(scored: Scored) -> float:
+    """Score, with pulses paid for."""
+    return scored.score + paid(scored.fit.point.variant.pulses)
+
+
+def _without_pulses(best: Scored) -> Scored:
     """Without its pulses, if its effects do as well."""
-    fit = best.fit
-    variant = replace(fit.point.variant, pulses=())
-    without = fit.problem.minimise(replace(fit.point, variant=variant)) if fit.point.variant.pulses else fit
-    return (
-        best if price(without) > price(fit) else replace(best, fit=without, score=best.score + without.cost - fit.cost)
-    )
+    fit, pulses = best.fit, best.fit.point.variant.pulses
+    if not pulses:
+        return best
+    without = fit.problem.minimise(replace(fit.point, variant=replace(fit.point.variant, pulses=())))
+    loss = without.cost - fit.cost
+    return best if loss > paid(pulses) else replace(best, fit=without, score=best.score + loss)
 
 
 @dataclass(frozen=True)
@@ -218,7 +219,3 @@ class _Trial:
     def long(self, fit: Fit) -> Fit:
         """On long rollouts."""
         return replay(self.rollouts, fit, 12)
-
-    def gain(self, before: Fit, after: Fit) -> float:
-        """Nats by which one fit predicts windows better than another."""
-        return likelihood(self.short(after)) - likelihood(self.short(before))

@@ -204,6 +204,31 @@ class Problem:
         states = (residuals[0] - residuals[-2 * nv :]) / steps
         return residuals[: len(variants)], np.moveaxis(states, 0, -1)
 
+    def responses(self, point: Point, joints: Sequence[int], bins: int) -> Array:
+        """How residuals fall with a push at a joint during one of so many parts of each window.
+
+        Args:
+            point: where.
+            joints: J of them, among the velocities.
+            bins: B parts of a window.
+
+        Returns:
+            Change of whitened residuals per N m or N, `[W, r, J, B]`.
+        """
+        steps, nv = self.windows.steps, point.q.shape[1]
+        sizes = 0.2 * self.simulator.model.dof_M0[list(joints)]
+        edges = np.linspace(0, steps, bins + 1).round().astype(int)
+        pushes = np.zeros((len(joints), bins, len(self.windows), steps, nv))
+        for j, joint in enumerate(joints):
+            for b in range(bins):
+                pushes[j, b, :, edges[b] : edges[b + 1], joint] = sizes[j]
+        pushes = np.concatenate([np.zeros((1, *pushes.shape[2:])), pushes.reshape(-1, *pushes.shape[2:])])
+        q, v = (np.repeat(z[None], len(pushes), axis=0) for z in (point.q, point.v))
+        which = np.zeros(len(pushes), int)
+        here, *pushed = self.whiten(self.simulator.simulate([point.variant], which, self.windows, q, v, pushes))
+        columns = (here - np.stack(pushed)).reshape(len(joints), bins, *here.shape) / sizes[:, None, None, None]
+        return np.moveaxis(columns, (0, 1), (2, 3))
+
     def minimise(self, point: Point, iterations: int = 12, tolerance: float = 0.1, only_states: bool = False) -> "Fit":
         """Gauss-Newton with caution, initial states eliminated; stops when a step gains less than `tolerance` nats.
 

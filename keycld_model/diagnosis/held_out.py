@@ -14,7 +14,7 @@ def replay(problem: Problem, fit: Fit, iterations: int = 8) -> Fit:
     variant = replace(fit.point.variant, pulses=())
     tried = problem.minimise(Point(variant, *problem.windows.initial_states()), iterations, only_states=True)
     joints = sorted({pulse.dof for pulse in fit.point.variant.pulses})
-    return with_pulses(tried, joints) if joints else tried
+    return with_pulses(tried, joints, only_states=True) if joints else tried
 
 
 def likelihood(fit: Fit) -> float:

@@ -51,7 +51,7 @@ def apply(model: mujoco.MjModel, which: tuple[Nuisance, ...], values: NDArray[np
     """Change a compiled model in place; zeros are no business of the model."""
     for nuisance, value in zip(which, values, strict=True):
         factor = float(np.exp(value))
-        for body in _rigid(model, nuisance.index) if nuisance.kind != "zero" else ():
+        for body in rigid(model, nuisance.index) if nuisance.kind != "zero" else ():
             if nuisance.kind == "mass":
                 model.body_mass[body] *= factor
                 model.body_inertia[body] *= factor
@@ -59,13 +59,13 @@ def apply(model: mujoco.MjModel, which: tuple[Nuisance, ...], values: NDArray[np
                 model.body_ipos[body] *= factor
                 model.body_inertia[body] *= factor**2
         if nuisance.kind == "length":
-            moved = np.isin(model.body_parentid, _rigid(model, nuisance.index))
+            moved = np.isin(model.body_parentid, rigid(model, nuisance.index))
             moved[0] = False
             model.body_pos[moved] *= factor
 
 
-def _rigid(model: mujoco.MjModel, body: int) -> list[int]:
-    """The body and what is fixed to it."""
+def rigid(model: mujoco.MjModel, body: int) -> list[int]:
+    """A body and what is fixed to it."""
     out = [body]
     for child in range(body + 1, model.nbody):
         if model.body_parentid[child] in out and not model.body_dofnum[child]:

@@ -37,17 +37,19 @@ def pushed(fit: Fit) -> Fit:
     options = [fit, *(with_pulses(fit, [joint]) for joint in range(nv))]
     if nv > 1 and sum(bool(f.point.variant.pulses) for f in options) > 1:
         options.append(with_pulses(fit))
-    return min(options, key=price)
+    return min(options, key=lambda fit: fit.cost + paid(fit.point.variant.pulses))
 
 
-def price(fit: Fit) -> float:
-    """Cost of a fit with its pulses paid for, and each further joint that they act on."""
-    pulses = fit.point.variant.pulses
-    return fit.cost + PRICE * len(pulses) + FURTHER * max(0, len({p.dof for p in pulses}) - 1)
+def paid(pulses: Sequence[Pulse]) -> float:
+    """Nats that pulses must gain together: each has a price, and so has each further joint."""
+    return PRICE * len(pulses) + FURTHER * max(0, len({p.dof for p in pulses}) - 1)
 
 
-def with_pulses(fit: Fit, joints: Sequence[int] | None = None) -> Fit:
-    """A fit with the pulses that its windows show, at some joints or at any; without any if there are none."""
+def with_pulses(fit: Fit, joints: Sequence[int] | None = None, only_states: bool = False) -> Fit:
+    """A fit with the pulses that its windows show, at some joints or at any; without any if there are none.
+
+    With `only_states`, nuisances and effects stay as they are.
+    """
     problem, nv = fit.problem, fit.point.q.shape[1]
     joints = range(nv) if joints is None else joints
     point = replace(fit.point, variant=replace(fit.point.variant, pulses=()))
@@ -58,19 +60,18 @@ def with_pulses(fit: Fit, joints: Sequence[int] | None = None) -> Fit:
             break
         pulses = (*fit.point.variant.pulses, *new)
         point = replace(fit.point, variant=replace(fit.point.variant, pulses=pulses))
-        better = problem.minimise(_timed(problem, point))
+        better = problem.minimise(_timed(problem, point), only_states=only_states)
         if better.cost > fit.cost - PRICE:
             break
         fit = better
-    return _pruned(fit)
+    return _pruned(fit, only_states)
 
 
-def _pruned(fit: Fit) -> Fit:
+def _pruned(fit: Fit, only_states: bool) -> Fit:
     """Without pulses that are not worth their price."""
-    problem, windows = fit.problem, fit.problem.windows
-    end = windows.start + windows.steps * windows.step
+    problem = fit.problem
     while pulses := fit.point.variant.pulses:
-        owner = [_window(windows, end, p) for p in pulses]
+        owner = [_window(problem.windows, p) for p in pulses]
         impulse = [abs(p.force * p.duration) for p in pulses]
         tested = {w: min((i for i in range(len(pulses)) if owner[i] == w), key=impulse.__getitem__) for w in owner}
         weak = set(tested.values())  # of each window, the weakest
@@ -81,7 +82,7 @@ def _pruned(fit: Fit) -> Fit:
         if not drop:
             break
         variant = replace(fit.point.variant, pulses=tuple(p for i, p in enumerate(pulses) if i not in drop))
-        fit = problem.minimise(replace(fit.point, variant=variant))
+        fit = problem.minimise(replace(fit.point, variant=variant), only_states=only_states)
     return fit
 
 
@@ -103,62 +104,42 @@ def joined(pulses: Sequence[Pulse], gap: float) -> list[Pulse]:
 def _found(fit: Fit, joints: list[int]) -> list[Pulse]:
     """At most one more pulse per window, and its continuation into the next one."""
     problem, windows = fit.problem, fit.problem.windows
-    s, scale = windows.steps, 0.2 * problem.simulator.model.dof_M0
     linear, _ = problem.linearise(fit.point)
-    edges = np.linspace(0, s, BINS + 1).round().astype(int)
-    pushes = np.zeros((len(joints) * BINS, len(windows), s, problem.simulator.model.nv))
-    for j, joint in enumerate(joints):
-        for b in range(BINS):
-            pushes[j * BINS + b, :, edges[b] : edges[b + 1], joint] = scale[joint]
-    q, v = (np.repeat(z[None], len(pushes), axis=0) for z in (fit.point.q, fit.point.v))
-    which = np.zeros(len(pushes), int)
-    pushed = problem.whiten(problem.simulator.simulate([fit.point.variant], which, windows, q, v, pushes))
-    columns = np.moveaxis(linear.residual - pushed, 0, -1).reshape(*linear.residual.shape, len(joints), BINS)
+    columns = problem.responses(fit.point, joints, BINS)
     spans = [(a, b) for a in range(BINS) for b in range(a + 1, BINS + 1)]
     total = np.concatenate([np.zeros((*columns.shape[:-1], 1)), np.cumsum(columns, axis=-1)], axis=-1)
     first, last = np.array(spans).T
-    flat = (total[..., last] - total[..., first]).reshape(*linear.residual.shape, -1)
-    flat = linear.project(flat)
+    flat = linear.project((total[..., last] - total[..., first]).reshape(*linear.residual.shape, -1))
     residual = linear.project(linear.residual[..., None])[..., 0]
     power = np.maximum(np.einsum("wrk,wrk->wk", flat, flat), 1e-9)
-    dot = np.einsum("wrk,wr->wk", flat, residual)
-    gain = 0.5 * dot**2 / power
-    out: dict[int, Pulse] = {}
-    length = windows.steps * windows.step
-    for w in np.argsort(-gain.max(axis=1)):
-        k = int(gain[w].argmax())
-        if gain[w, k] < PRICE:
-            break
-        out[int(w)] = _pulse(windows, int(w), joints, spans, k, dot[w, k] / power[w, k] * scale)
-    for w, pulse in list(out.items()):  # a pulse may go on in the window before or after
-        for other, side in ((w - 1, -1), (w + 1, 1)):
-            near = 0 <= other < len(windows) and windows.recording[other] == windows.recording[w] and other not in out
-            if not near or abs(windows.start[other] - windows.start[w]) > 1.5 * length:
+    force = np.einsum("wrk,wr->wk", flat, residual) / power
+    gain = 0.5 * force**2 * power
+    length = (windows.end - windows.start) / BINS
+
+    def pulse(w: int, k: int) -> Pulse:
+        (a, b), joint = spans[k % len(spans)], joints[k // len(spans)]
+        start, duration = windows.start[w] + a * length[w], (b - a) * length[w]
+        return Pulse(int(windows.recording[w]), joint, float(start), float(duration), float(force[w, k]))
+
+    found = {int(w): pulse(w, int(gain[w].argmax())) for w in np.flatnonzero(gain.max(axis=1) >= PRICE)}
+    for w, first_part in sorted(found.items()):  # a pulse may go on in the window before or after
+        for other, edge in ((w - 1, last == BINS), (w + 1, first == 0)):
+            if other in found or not 0 <= other < len(windows) or windows.recording[other] != windows.recording[w]:
                 continue
-            touches = [i for i, (a, b) in enumerate(spans) if (b == BINS if side < 0 else a == 0)]
-            at = joints.index(pulse.dof) * len(spans)
-            best = max(touches, key=lambda i: gain[other, at + i])
-            force = dot[other, at + best] / power[other, at + best] * scale[pulse.dof]
-            if gain[other, at + best] > CONTINUED and force * pulse.force > 0:
-                out[other] = _pulse(
-                    windows, other, joints, spans, at + best, dot[other, at + best] / power[other, at + best] * scale
-                )
-    return list(out.values())
-
-
-def _pulse(windows: Windows, w: int, joints: list[int], spans: list[tuple[int, int]], k: int, force: Array) -> Pulse:
-    joint, (a, b) = joints[k // len(spans)], spans[k % len(spans)]
-    bin_length = windows.steps * windows.step / BINS
-    start = float(windows.start[w] + a * bin_length)
-    return Pulse(int(windows.recording[w]), joint, start, (b - a) * bin_length, float(force[joint]))
+            if abs(windows.start[other] - windows.start[w]) > 1.5 * BINS * length[w]:
+                continue
+            touches = joints.index(first_part.dof) * len(spans) + np.flatnonzero(edge)
+            best = int(touches[gain[other, touches].argmax()])
+            if gain[other, best] > CONTINUED and force[other, best] * first_part.force > 0:
+                found[other] = pulse(other, best)
+    return list(found.values())
 
 
 def _timed(problem: Problem, point: Point) -> Point:
     """Forces and times of pulses refined, each in its window, initial states eliminated."""
     windows, pulses = problem.windows, list(point.variant.pulses)
-    end = windows.start + windows.steps * windows.step
-    owner = [_window(windows, end, p) for p in pulses]
-    step = windows.step
+    owner = [_window(windows, p) for p in pulses]
+    step, end = windows.step, windows.end
     caution = np.full(len(pulses), 1e-2)
     costs = problem.costs(point)
     for _ in range(TIMING):
@@ -192,7 +173,9 @@ def _timed(problem: Problem, point: Point) -> Point:
     return point
 
 
-def _window(windows: Windows, end: Array, pulse: Pulse) -> int:
+def _window(windows: Windows, pulse: Pulse) -> int:
     """The window in which a pulse began to be looked for."""
-    inside = (windows.recording == pulse.recording) & (windows.start <= pulse.start + 1e-9) & (pulse.start < end)
+    inside = (
+        (windows.recording == pulse.recording) & (windows.start <= pulse.start + 1e-9) & (pulse.start < windows.end)
+    )
     return int(np.flatnonzero(inside)[-1])

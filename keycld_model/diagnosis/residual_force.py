@@ -156,6 +156,7 @@ class _Normal:
         values: `[n]` of nuisances.
         paths: see `_paths`.
         recording: `[W]`.
+        scale: `[nv]` usual force at each joint, N m or N.
     """
 
     matrices: Array
@@ -170,16 +171,8 @@ class _Normal:
     def at(cls, fit: Fit, paths: tuple[Array, Array, Array]) -> "_Normal":
         problem, point = fit.problem, fit.point
         linear, _ = problem.linearise(point)
-        n, nv, s = len(problem.spreads), point.q.shape[1], problem.windows.steps
-        scale = 0.2 * problem.simulator.model.dof_M0
-        pushes = np.zeros((BINS * nv, len(problem.windows), s, nv))
-        for i, k in enumerate(np.array_split(np.arange(s), BINS)):
-            for j in range(nv):
-                pushes[i * nv + j, :, k, j] = scale[j]
-        q, v = (np.repeat(z[None], len(pushes), axis=0) for z in (point.q, point.v))
-        which = np.zeros(len(pushes), int)
-        pushed = problem.whiten(problem.simulator.simulate([point.variant], which, problem.windows, q, v, pushes))
-        columns = np.moveaxis(linear.residual - pushed, 0, -1) / np.tile(scale, BINS)
+        n, nv = len(problem.spreads), point.q.shape[1]
+        columns = np.swapaxes(problem.responses(point, range(nv), BINS), 2, 3).reshape(*linear.residual.shape, -1)
         whole = replace(linear, shared=np.concatenate([linear.shared[..., :n], columns], axis=-1))
         whole = whole.weighted(whole.outlier_weights())
         reduced, residual = whole.project(whole.shared), whole.project(whole.residual[..., None])[..., 0]
@@ -190,7 +183,7 @@ class _Normal:
             point.variant.values,
             paths,
             problem.windows.recording,
-            scale,
+            0.2 * problem.simulator.model.dof_M0,
         )
 
     def solve(self, features: Features, prior: Array, weights: Array) -> tuple[Array, Array]:

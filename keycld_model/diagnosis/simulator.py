@@ -95,7 +95,7 @@ class Simulator:
         windows: Windows,
         q: Array,
         v: Array,
-        pushes: Array | float = 0.0,
+        pushes: Array | None = None,
     ) -> Array:
         """Measured positions as variants predict them.
 
@@ -114,9 +114,7 @@ class Simulator:
             parts = [slice(i, i + TOGETHER) for i in range(0, len(which), TOGETHER)]
             return np.concatenate(
                 [
-                    self.simulate(
-                        variants, which[p], windows, q[p], v[p], pushes[p] if isinstance(pushes, np.ndarray) else pushes
-                    )
+                    self.simulate(variants, which[p], windows, q[p], v[p], None if pushes is None else pushes[p])
                     for p in parts
                 ]
             )
@@ -140,7 +138,7 @@ class Simulator:
         windows: Windows,
         q: Array,
         v: Array,
-        pushes: Array | float = 0.0,
+        pushes: Array | None = None,
     ) -> tuple[Array, Array, Array]:
         """Positions and velocities `[P, W, S+1, nv]` at the steps, and what motors get, `[P, W, S, nu]`."""
         copies = self._models.take(len(variants))
@@ -154,7 +152,7 @@ class Simulator:
         path[:, :, 0] = state[:, 1 : 1 + 2 * nv].reshape(p, w, -1)
         nu = self.model.nu
         control = np.zeros((p, w, s, nu + nv))
-        control[..., :nu], control[..., nu:] = commands, pushes
+        control[..., :nu], control[..., nu:] = commands, 0.0 if pushes is None else pushes
         if any(variant.pulses for variant in variants):
             control[..., nu:] += np.stack([self._pushes(variant, windows) for variant in variants])[which]
         forced = [i for i, variant in enumerate(which) if any(e.forces for e in variants[variant].effects)]

@@ -38,6 +38,11 @@ class Windows:
     def __len__(self) -> int:
         return len(self.start)
 
+    @property
+    def end(self) -> Array:
+        """`[W]` time of the last step, s."""
+        return self.start + self.steps * self.step
+
     def take(self, index: NDArray[np.int64]) -> "Windows":
         """Some of the windows."""
         per_window = ("recording", "first", "start", "time", "measured")

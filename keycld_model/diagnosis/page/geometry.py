@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_model.diagnosis.nuisance import rigid
+
 Array = NDArray[np.float64]
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 NEAR = 0.02
@@ -89,7 +91,7 @@ def skeleton(model: mujoco.MjModel) -> Skeleton:
     joints = [Node(int(model.jnt_bodyid[j]), _triple(model.jnt_pos[j]), j) for j in range(model.njnt)]
     nodes, links = list(joints), []
     for body in (b for b in range(1, model.nbody) if model.body_dofnum[b]):
-        group = _rigid(model, body)
+        group = rigid(model, body)
         own = [j for j in range(model.njnt) if model.jnt_bodyid[j] == body]
         hub = own[-1]
         next_bodies = [b for b in range(1, model.nbody) if model.body_parentid[b] in group and model.body_dofnum[b]]
@@ -99,15 +101,6 @@ def skeleton(model: mujoco.MjModel) -> Skeleton:
             ends = [len(nodes) - 1]
         links += [Link(body, hub, end) for end in ends]
     return Skeleton(model, tuple(nodes), tuple(links), _axes(model))
-
-
-def _rigid(model: mujoco.MjModel, body: int) -> list[int]:
-    """A body and what is fixed to it."""
-    out = [body]
-    for child in range(body + 1, model.nbody):
-        if model.body_parentid[child] in out and not model.body_dofnum[child]:
-            out.append(child)
-    return out
 
 
 def _tip(model: mujoco.MjModel, group: list[int], body: int, hub: Array) -> tuple[int, tuple[float, float, float]]:
