@@ -37,12 +37,11 @@ class BaseMotion(Effect):
 def weight(model: mujoco.MjModel, axis: int, q: Array) -> Array:
     """Generalised force `[..., nv]` of a unit of gravity along an axis of the world, at positions `[..., nq]`."""
     data, flat = mujoco.MjData(model), q.reshape(-1, q.shape[-1])
-    out, jacobian = np.zeros((len(flat), model.nv)), np.zeros((3, model.nv))
+    out, jacobian = np.empty((len(flat), model.nv)), np.empty((3, model.nv))
     for row, position in zip(out, flat, strict=True):
         data.qpos[:] = position
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        for body in range(1, model.nbody):
-            mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
-            row += model.body_mass[body] * jacobian[axis]
+        mujoco.mj_jacSubtreeCom(model, data, jacobian, 0)
+        row[:] = model.body_subtreemass[0] * jacobian[axis]
     return out.reshape(*q.shape[:-1], model.nv)

@@ -33,6 +33,8 @@ from keycld_model.diagnosis.windows import cut
 
 WINDOWS = 80
 """At most, for the search."""
+OWN = 0.5
+"""Share of the misfit with an accurate integrator below which the model's own is tried first."""
 HORIZON = 4
 """Windows that a long rollout is as long as."""
 CLEAR, DOUBTFUL = 10.0, 3.0
@@ -149,15 +151,17 @@ def _refit(simulator: Simulator, recordings: Sequence[Recording], sigma: NDArray
 
 
 def _search(fits: Sequence[Fit]) -> tuple[Search, Fit, Scored]:
-    """Of fits with several integrators, the best first: a simulation repeats its own integrator, nature has none."""
-    refitted, other = sorted(fits, key=lambda fit: fit.cost)
-    search, best = _explain(refitted)
+    """With the integrator that is right: an accurate one for nature, its own for a simulation of the model itself."""
+    accurate, own = fits
+    first, second = (own, accurate) if own.excess < OWN * accurate.excess else (accurate, own)
+    search, best = _explain(first)
     if best.fit.point.variant.pulses:
-        return search, refitted, best
-    if other.problem.minimise(other.point.with_effects(*best.fit.effects)).cost < best.fit.cost - 1:
-        refitted = other
-        search, best = _explain(refitted)
-    return search, refitted, best
+        return search, first, best
+    rival = min(second.cost, second.problem.minimise(second.point.with_effects(*best.fit.effects)).cost)
+    if rival < best.fit.cost - 1:
+        search, best = _explain(second)
+        return search, second, best
+    return search, first, best
 
 
 def _explain(refitted: Fit) -> tuple[Search, Scored]:

@@ -245,8 +245,8 @@ class Problem:
             weighted = linear.weighted(linear.outlier_weights())
             shared = weighted.project(weighted.shared)
             residual = weighted.project(weighted.residual[..., None])[..., 0]
-            hessian = np.einsum("wri,wrj->ij", shared, shared)
-            gradient = np.einsum("wri,wr->i", shared, residual)
+            hessian = np.tensordot(shared, shared, axes=([0, 1], [0, 1]))
+            gradient = np.tensordot(shared, residual, axes=([0, 1], [0, 1]))
             hessian[np.arange(n), np.arange(n)] += self.spreads**-2
             gradient[:n] -= point.variant.values / self.spreads**2
             scale = np.diag(hessian) + 1e-9
@@ -263,7 +263,8 @@ class Problem:
                     break
                 linear = None
                 continue
-            new, new_cost = self._settled(new, new_cost)
+            if fresh:
+                new, new_cost = self._settled(new, new_cost)
             before, gain = gain, cost - new_cost
             point, cost, caution = new, new_cost, caution / 10
             if gain < tolerance and fresh:

@@ -121,7 +121,7 @@ def _found(fit: Fit, joints: list[int]) -> list[Pulse]:
         start, duration = windows.start[w] + a * length[w], (b - a) * length[w]
         return Pulse(int(windows.recording[w]), joint, float(start), float(duration), float(force[w, k]))
 
-    found = {int(w): pulse(w, int(gain[w].argmax())) for w in np.flatnonzero(gain.max(axis=1) >= PRICE)}
+    found = {w: pulse(w, int(gain[w].argmax())) for w in map(int, np.flatnonzero(gain.max(axis=1) >= PRICE))}
     for w, first_part in sorted(found.items()):  # a pulse may go on in the window before or after
         for other, edge in ((w - 1, last == BINS), (w + 1, first == 0)):
             if other in found or not 0 <= other < len(windows) or windows.recording[other] != windows.recording[w]:

@@ -1,31 +1,29 @@
 """Which effects explain what the refitted simulator cannot: all sets of up to three, scored together."""
 
-import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.effects import EFFECTS, Effect, Parameter
-from keycld_model.diagnosis.fit import Fit, Linearisation, Point, Problem, knobs
+from keycld_envs.effects import Effect
+from keycld_model.diagnosis.fit import Fit, Point, Problem, knobs
+from keycld_model.diagnosis.hypotheses import hypotheses
+from keycld_model.diagnosis.screening import promising
 
 Array = NDArray[np.float64]
 REFINED = {1: 4, 2: 3, 3: 2}
 """Sets of one, two and three effects that are refined a little after each linear scoring."""
 GLANCE = 3
 """Gauss-Newton steps of that."""
+TOLERANCE, ROUGH = 0.1, 3e-4
+"""Nats, and share of what is above noise, that a step of such a fit must gain for another one."""
 FINALISTS = 2
 """How many of them are then refined to the end, beside the best of each size."""
-ENOUGH, LEAST_SHARE = 500.0, 0.25
-"""Nats of misfit that suffice to choose among sets; where there is more, a share of the windows is looked at."""
+ENOUGH, FEWEST = 500.0, 30
+"""Nats of misfit that suffice to choose among sets, and windows that do; where there is more, some are looked at."""
 NOISE = 1.3
 """Variance that a fit may leave, over the sensor's, to count as noise."""
-GENTLE = 0.03
-"""Rad or m, root mean square over a window, that a probe may move a joint for its effect to count as linear."""
-PARTNERS = 40
-"""Pairs that are tried with every third effect."""
 MATERIAL = 0.005
 """Share of all that a set gains that each of its effects must gain. Named effects are idealised forms, of dry friction
 near standstill above all; what gains less may only mend the form of another."""
@@ -37,45 +35,6 @@ LARGEST = 4
 """Effects at once; where more seem to be needed, the true one is not among them."""
 ROUNDS = 4
 """Times that the search starts again from the best set so far."""
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """An effect at a place, with its nonlinear parameters at one value of their grids.
-
-    Attributes:
-        effect: absent: its coefficients are zero.
-        coefficients: in which it is linear; empty if it is there or not.
-    """
-
-    effect: Effect
-    coefficients: tuple[Parameter, ...]
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """What it is and where."""
-        return self.effect.id, self.effect.where
-
-    def probes(self, amount: float = 1.0) -> list[Effect]:
-        """The effect a little present, once per coefficient; `amount` of the usual."""
-        if not self.coefficients:
-            return [self.effect]
-        return [replace(self.effect, **{p.name: p.absent + amount * p.scale}) for p in self.coefficients]
-
-
-def hypotheses(model: mujoco.MjModel, exclude: Iterable[str] = ()) -> list[Hypothesis]:
-    """All effects at all places of a model."""
-    out = []
-    for kind in EFFECTS.values():
-        if kind.id in exclude:
-            continue
-        grids = [p for p in kind.parameters() if p.grid]
-        coefficients = tuple(p for p in kind.parameters() if not p.grid)
-        for effect in kind.candidates(model):
-            for values in itertools.product(*(p.grid for p in grids)):
-                chosen = dict(zip((p.name for p in grids), values, strict=True))
-                out.append(Hypothesis(replace(effect, **chosen), coefficients))
-    return out
 
 
 def penalty(effects: Sequence[Effect], samples: int) -> float:
@@ -131,6 +90,8 @@ class Search:
         self.found: dict[frozenset[tuple[str, str]], Scored] = {}
         self.temper = 1.0
         self._nothing = np.inf
+        self._noise = 0.5 * (problem.samples - 2 * problem.windows.measured.shape[2] * len(problem.windows))
+        self._replaced: set[tuple[frozenset[tuple[str, str]], tuple[str, str]]] = set()
 
     def run(self, start: Point) -> Scored:
         """The best set of effects; none if nothing is worth its numbers."""
@@ -138,6 +99,7 @@ class Search:
         self._nothing = best.score
         for _ in range(ROUNDS):
             better = self._simplified(self._pruned(min([best, *self._finalists(best)], key=_score)))
+            better = self._exchanged(better)
             if better.score > best.score - self._least(better):
                 break
             best = better
@@ -157,6 +119,27 @@ class Search:
         self.found = {keys: self._scored(s.fit) for keys, s in self.found.items()}
         self._nothing = min((s.score for keys, s in self.found.items() if not keys), default=np.inf)
         return self._pruned(min(self.found.values(), key=_score))
+
+    def _exchanged(self, best: Scored) -> Scored:
+        """With one effect in another's place as long as that is better."""
+        while True:
+            for effect in best.fit.effects:
+                self._replace(best, effect)
+            swapped = [
+                s for keys, s in self.found.items() if len(keys) == len(best.keys) and len(keys - best.keys) == 1
+            ]
+            better = min([best, *swapped], key=_score)
+            if better is best:
+                return best
+            best = better
+
+    def _replace(self, best: Scored, effect: Effect) -> None:
+        """Look for sets with another effect in one's place; once."""
+        key = effect.id, effect.where
+        if (best.keys, key) not in self._replaced:
+            self._replaced.add((best.keys, key))
+            rest = (e for e in best.fit.effects if e is not effect)
+            self._finalists(self._refine(best.fit.point.with_effects(*rest)), largest=1)
 
     def _simplified(self, best: Scored) -> Scored:
         """With fewer numbers, if any set found on the way explains materially as much."""
@@ -184,11 +167,12 @@ class Search:
 
     def _sample(self, fit: Fit) -> Fit:
         """The fit on a share of the windows, of all degrees of misfit."""
-        share = float(np.clip(ENOUGH / max(fit.excess, ENOUGH), LEAST_SHARE, 1.0))
+        windows = len(fit.problem.windows)
+        share = min(1.0, max(ENOUGH / max(fit.excess, ENOUGH), FEWEST / windows))
         if share == 1:
             return fit
         order = np.argsort(fit.problem.costs(fit.point))
-        index = np.sort(order[np.linspace(0, len(order) - 1, round(share * len(order))).round().astype(int)])
+        index = np.sort(order[np.linspace(0, windows - 1, round(share * windows)).round().astype(int)])
         part, point = fit.problem.take(index), fit.point.take(index)
         return replace(fit, problem=part, point=point, cost=part.cost(point))
 
@@ -196,10 +180,8 @@ class Search:
         """For each effect of the best set, sets with another in its place that explain as much, within some nats."""
         out = {}
         for effect in best.fit.effects:
-            rest = tuple(e for e in best.fit.effects if e is not effect)
-            without = self._refine(best.fit.point.with_effects(*rest))
-            kept = frozenset((e.id, e.where) for e in rest)
-            self._finalists(without, largest=1)
+            self._replace(best, effect)
+            kept = best.keys - {(effect.id, effect.where)}
             out[effect.id, effect.where] = [
                 s
                 for keys, s in self.found.items()
@@ -208,7 +190,7 @@ class Search:
         return out
 
     def _refine(self, point: Point, iterations: int = 12) -> Scored:
-        fit = self.problem.minimise(point, iterations)
+        fit = self.problem.minimise(point, iterations, max(TOLERANCE, ROUGH * (self.problem.cost(point) - self._noise)))
         scored = self._scored(fit)
         if scored.keys not in self.found or scored.score < self.found[scored.keys].score:
             self.found[scored.keys] = scored
@@ -232,125 +214,11 @@ class Search:
             best = least
         return best
 
-    def _promising(self, fit: Fit, largest: int = 3) -> Iterator[tuple[Effect, ...]]:
-        """Sets that promise most at a fit's linearisation: its own effects, and up to three more."""
-        if largest < 1:
-            return
+    def _promising(self, fit: Fit, largest: int) -> Iterator[tuple[Effect, ...]]:
+        """Sets that promise most at a fit's linearisation: its own effects, and up to some more."""
         used = {(e.id, e.where) for e in fit.effects}
         free = [h for h in self.hypotheses if h.key not in used]
-        probes = [(i, j, probe) for i, h in enumerate(free) for j, probe in enumerate(h.probes())]
-        linear, probed = fit.problem.linearise(fit.point, [(*fit.effects, probe) for *_, probe in probes])
-        amounts = self._gentle(linear.residual, probed)
-        again = [c for c, (i, _, _) in enumerate(probes) if amounts[c] < 1 and free[i].coefficients]
-        if again:
-            gentler = [free[probes[c][0]].probes(amounts[c])[probes[c][1]] for c in again]
-            probed[again] = fit.problem.linearise(fit.point, [(*fit.effects, probe) for probe in gentler])[1]
-        amounts = [amounts[c] if c in set(again) else 1.0 for c in range(len(probes))]
-        columns = np.stack(
-            [
-                (linear.residual - r) / (amount * _amount(free[i], j))
-                for (i, j, _), amount, r in zip(probes, amounts, probed, strict=True)
-            ],
-            axis=-1,
-        )
-        gram = _Gram(fit.problem, fit, linear, columns)
-        members = [[c for c, (i, _, _) in enumerate(probes) if i == h] for h in range(len(free))]
-        ranked: dict[frozenset[tuple[str, str]], tuple[float, tuple[Effect, ...]]] = {}
-        for chosen in _sets(gram, free, members, fit.problem.samples, largest):
-            worth, sizes = chosen.worth, iter(chosen.coefficients)
-            effects = tuple(_present(free[h], [next(sizes) for _ in members[h]]) for h in chosen.hypotheses)
-            keys = frozenset((e.id, e.where) for e in effects)
-            if keys not in ranked or ranked[keys][0] < worth:
-                ranked[keys] = worth, effects
-        for size, number in REFINED.items():
-            best = sorted((item for item in ranked.values() if len(item[1]) == size), key=lambda item: -item[0])
-            yield from ((*fit.effects, *effects) for worth, effects in best[:number] if worth > 0)
-
-    def _gentle(self, residual: Array, probed: Array) -> Array:
-        """How much of each probe moves no joint by more than `GENTLE`, for residuals `[W, r]` and `[probes, W, r]`."""
-        noise = np.tile(self.problem.noise, residual.shape[1] // len(self.problem.noise))
-        moved = np.max(np.sqrt(np.mean(((probed - residual) * noise) ** 2, axis=2)), axis=1)
-        return np.clip(GENTLE / np.maximum(moved, 1e-12), 1e-4, 1.0)
-
-
-@dataclass(frozen=True)
-class _Chosen:
-    worth: float
-    hypotheses: tuple[int, ...]
-    coefficients: Array
-
-
-class _Gram:
-    """Normal equations of columns after initial states, nuisances and present effects explained what they can."""
-
-    def __init__(self, problem: Problem, fit: Fit, linear: Linearisation, columns: Array) -> None:
-        weights = linear.outlier_weights()
-        linear, columns = linear.weighted(weights), columns * weights[..., None]
-        everything = np.concatenate([linear.shared, columns, linear.residual[..., None]], axis=-1)
-        reduced = linear.project(everything)
-        full = np.einsum("wri,wrj->ij", reduced, reduced)
-        n, p = len(problem.spreads), linear.shared.shape[2]
-        full[np.arange(n), np.arange(n)] += problem.spreads**-2
-        full[:n, -1] -= fit.point.variant.values / problem.spreads**2
-        solved = np.linalg.pinv(full[:p, :p], hermitian=True) @ full[:p, p:]
-        left = full[p:, p:] - full[:p, p:].T @ solved
-        self.matrix, self.vector = left[:-1, :-1], left[:-1, -1]
-        self.own = np.diag(full)[p:-1]  # before others explained what they can
-
-    def gain(self, columns: list[int]) -> tuple[float, Array]:
-        """Nats gained by columns, and their coefficients."""
-        matrix, vector = self.matrix[np.ix_(columns, columns)], self.vector[columns]
-        scale = np.sqrt(np.maximum(np.diag(matrix), 1e-12))
-        own = np.sqrt(np.maximum(self.own[columns], 1e-12))
-        if (scale < 1e-3 * own).any():  # nothing is left of the column
-            return 0.0, np.zeros(len(columns))
-        regular = matrix / np.outer(scale, scale) + 1e-6 * np.eye(len(columns))
-        coefficients = np.linalg.solve(regular, vector / scale) / scale
-        return 0.5 * float(vector @ coefficients), coefficients
-
-
-def _sets(
-    gram: _Gram, free: list[Hypothesis], members: list[list[int]], samples: int, largest: int
-) -> Iterator[_Chosen]:
-    """Admissible sets of hypotheses: all single ones, all pairs, and the best pairs with every third."""
-
-    def evaluate(chosen: tuple[int, ...]) -> _Chosen:
-        gain, coefficients = gram.gain([c for h in chosen for c in members[h]])
-        sizes = iter(coefficients)
-        if not all(_allowed(free[h], [next(sizes) for _ in members[h]]) for h in chosen):
-            return _Chosen(-np.inf, chosen, coefficients)
-        return _Chosen(gain - penalty([free[h].effect for h in chosen], samples), chosen, coefficients)
-
-    everyone = range(len(free))
-    singles = [evaluate((h,)) for h in everyone]
-    yield from singles
-    if largest < 2:
-        return
-    pairs = [evaluate((a, b)) for a, b in itertools.combinations(everyone, 2) if free[a].key != free[b].key]
-    yield from pairs
-    for pair in sorted(pairs, key=lambda c: -c.worth)[:PARTNERS] if largest > 2 else ():
-        taken = {free[h].key for h in pair.hypotheses}
-        yield from (evaluate((*pair.hypotheses, h)) for h in everyone if free[h].key not in taken)
-
-
-def _amount(hypothesis: Hypothesis, j: int) -> float:
-    return hypothesis.coefficients[j].scale if hypothesis.coefficients else 1.0
-
-
-def _allowed(hypothesis: Hypothesis, sizes: list[float]) -> bool:
-    """Signs are as physics has them."""
-    if not hypothesis.coefficients:
-        return 0.3 < sizes[0] < 3.0
-    return all(p.absent + size >= p.low for p, size in zip(hypothesis.coefficients, sizes, strict=True))
-
-
-def _present(hypothesis: Hypothesis, sizes: list[float]) -> Effect:
-    """The effect with these coefficients."""
-    values = {
-        p.name: float(np.clip(p.absent + size, p.low, p.high))
-        for p, size in zip(hypothesis.coefficients, sizes, strict=False)
-    }
-    return replace(hypothesis.effect, **values)
+        yield from promising(fit, free, {size: number for size, number in REFINED.items() if size <= largest})
 
 
 def _score(scored: Scored) -> float:

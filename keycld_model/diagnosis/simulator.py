@@ -6,20 +6,19 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from mujoco import rollout
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
 from keycld_model.diagnosis import nuisance
+from keycld_model.diagnosis.mechanism import Mechanism
 from keycld_model.diagnosis.model_pool import ModelPool
 from keycld_model.diagnosis.nuisance import Nuisance
+from keycld_model.diagnosis.rollouts import CompiledRollouts, MujocoRollouts, Rollouts
 from keycld_model.diagnosis.windows import Windows
 
 Array = NDArray[np.float64]
-_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 TOGETHER = 32
 """Rollouts at once; each may need a copy of the model, and copies are large."""
-_CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
 
 
 @dataclass(frozen=True)
@@ -73,9 +72,11 @@ class Simulator:
         self.model.opt.enableflags = 0
         self.step = float(self.model.opt.timestep)
         self.nuisances: tuple[Nuisance, ...] = nuisance.nuisances(model)
-        self._data = [mujoco.MjData(self.model) for _ in range(threads)]
+        self._data = mujoco.MjData(self.model)
         self._models = ModelPool(self.model)
-        self._pool = rollout.Rollout(nthread=threads)
+        self._mujoco = MujocoRollouts(self.model, threads)
+        mechanism = Mechanism.of(self.model)
+        self._fast = CompiledRollouts(mechanism) if mechanism else None
 
     def compile(self, variant: Variant) -> mujoco.MjModel:
         """The model of a variant, as far as MuJoCo has its effects itself."""
@@ -85,7 +86,7 @@ class Simulator:
         nuisance.apply(model, self.nuisances, variant.values)
         for effect in variant.effects:
             effect.edit(model)
-        mujoco.mj_setConst(model, self._data[0])
+        mujoco.mj_setConst(model, self._data)
         return model
 
     def simulate(
@@ -141,60 +142,94 @@ class Simulator:
         pushes: Array | None = None,
     ) -> tuple[Array, Array, Array]:
         """Positions and velocities `[P, W, S+1, nv]` at the steps, and what motors get, `[P, W, S, nu]`."""
-        copies = self._models.take(len(variants))
-        models = [self._changed(model, variant) for model, variant in zip(copies, variants, strict=True)]
+        models = [
+            self._changed(model, variant)
+            for model, variant in zip(self._models.take(len(variants)), variants, strict=True)
+        ]
         commands = np.stack([self._commands(variant, windows) for variant in variants])[which]
-        p, w, nv, s = len(which), len(windows), self.model.nv, windows.steps
-        batch = [models[i] for i in which for _ in range(w)]
-        state = np.zeros((p * w, mujoco.mj_stateSize(self.model, _STATE)))
-        state[:, 1 : 1 + nv], state[:, 1 + nv : 1 + 2 * nv] = q.reshape(-1, nv), v.reshape(-1, nv)
-        path = np.empty((p, w, s + 1, 2 * nv))
-        path[:, :, 0] = state[:, 1 : 1 + 2 * nv].reshape(p, w, -1)
-        nu = self.model.nu
-        control = np.zeros((p, w, s, nu + nv))
-        control[..., :nu], control[..., nu:] = commands, 0.0 if pushes is None else pushes
+        forces = np.zeros((*commands.shape[:-1], self.model.nv)) if pushes is None else pushes
         if any(variant.pulses for variant in variants):
-            control[..., nu:] += np.stack([self._pushes(variant, windows) for variant in variants])[which]
-        forced = [i for i, variant in enumerate(which) if any(e.forces for e in variants[variant].effects)]
-        free = [i for i in range(p) if i not in set(forced)]
-        if free:
-            rows = np.concatenate([np.arange(i * w, (i + 1) * w) for i in free])
-            out = self._run([batch[i] for i in rows], state[rows], control[free].reshape(len(rows), s, -1))
-            path[free, :, 1:] = out.reshape(len(free), w, s, -1)[..., 1 : 1 + 2 * nv]
-        if not forced:
-            return path[..., :nv], path[..., nv:], commands
-        rows = np.concatenate([np.arange(i * w, (i + 1) * w) for i in forced])
-        batch, state = [batch[i] for i in rows], state[rows]
-        speed = np.zeros((len(forced), w, nv))
-        memories = {
-            (i, effect): effect.begin(models[which[row]], v[row])
-            for i, row in enumerate(forced)
-            for effect in variants[which[row]].effects
-            if effect.forces
-        }
-        for k in range(s):
-            now = state[:, 1 : 1 + 2 * nv].reshape(len(forced), w, -1)
-            q0, v0 = now[..., :nv], now[..., nv:]
-            gain = (v0 - speed) / self.step if k else np.zeros_like(v0)
-            middle = q0 + 0.5 * self.step * v0 + 0.125 * self.step**2 * gain, v0 + 0.5 * self.step * gain
-            speed = v0
-            time = windows.start + (k + 0.5) * self.step
-            for i, row in enumerate(forced):
-                for effect in variants[which[row]].effects:
-                    if effect.forces:
-                        force, memories[i, effect] = effect.advance(
-                            models[which[row]],
-                            memories[i, effect],
-                            time,
-                            middle[0][i],
-                            middle[1][i],
-                            control[row, :, k, :nu],
-                            self.step,
-                        )
-                        control[row, :, k, nu:] += force
-            state = self._run(batch, state, np.ascontiguousarray(control[forced, :, k].reshape(len(rows), 1, -1)))[:, 0]
-            path[forced, :, k + 1] = state[:, 1 : 1 + 2 * nv].reshape(len(forced), w, -1)
+            forces = forces + np.stack([self._pushes(variant, windows) for variant in variants])[which]
+        start, control = np.concatenate([q, v], axis=-1), np.concatenate([commands, forces], axis=-1)
+
+        def run(by: Rollouts, rows: NDArray[np.int64]) -> None:
+            """Those that effects push step by step, the others at once."""
+            pushed = np.array([any(effect.forces for effect in variants[i].effects) for i in which[rows]])
+            for some, march in ((rows[pushed], self._stepped), (rows[~pushed], self._free)):
+                if len(some):
+                    path[some, :, 1:] = march(by, variants, models, which[some], windows, start[some], control[some])
+
+        path = np.empty((*start.shape[:2], windows.steps + 1, start.shape[2]))
+        path[:, :, 0] = start
+        run(self._fast or self._mujoco, np.arange(len(which)))
+        if self._fast and len(stopped := np.flatnonzero(self._beyond(path).any(axis=1))):
+            run(self._mujoco, stopped)
+        nv = self.model.nv
         return path[..., :nv], path[..., nv:], commands
+
+    def _beyond(self, path: Array) -> NDArray[np.bool_]:
+        """Rollouts that meet a limit of a joint, which only MuJoCo steps; `[P, W]`."""
+        model, off = self.model, mujoco.mjtDisableBit
+        limited = np.flatnonzero(model.jnt_limited)
+        if not len(limited) or int(model.opt.disableflags) & (int(off.mjDSBL_CONSTRAINT) | int(off.mjDSBL_LIMIT)):
+            return np.zeros(path.shape[:2], dtype=bool)
+        margin = model.jnt_margin[limited]
+        low, high = model.jnt_range[limited].T
+        at = path[..., limited]
+        return ((at < low + margin) | (at > high - margin)).any(axis=(2, 3))
+
+    def _free(
+        self,
+        by: Rollouts,
+        variants: Sequence[Variant],
+        models: Sequence[mujoco.MjModel],
+        which: NDArray[np.int64],
+        windows: Windows,
+        start: Array,
+        control: Array,
+    ) -> Array:
+        """Positions and velocities after every step, `[P, W, S, 2 nv]`, of variants that push nothing."""
+        p, w, s, _ = control.shape
+        state = np.zeros((p * w, by.size))
+        state[:, by.motion] = start.reshape(p * w, -1)
+        out = by.run(by.batch(models, np.repeat(which, w), s), state, control.reshape(p * w, s, -1))
+        return out[..., by.motion].reshape(p, w, s, -1)
+
+    def _stepped(
+        self,
+        by: Rollouts,
+        variants: Sequence[Variant],
+        models: Sequence[mujoco.MjModel],
+        which: NDArray[np.int64],
+        windows: Windows,
+        start: Array,
+        control: Array,
+    ) -> Array:
+        """The same with the forces of effects, each held over a step at its value in the middle."""
+        (p, w, s, _), nv, nu, h = control.shape, self.model.nv, self.model.nu, self.step
+        state = np.zeros((p * w, by.size))
+        state[:, by.motion] = start.reshape(p * w, -1)
+        out, batch = np.empty((p, w, s, 2 * nv)), by.batch(models, np.repeat(which, w), 1)
+        rows = {i: np.flatnonzero(which == i) for i in np.unique(which)}
+        acting = [(i, effect) for i in rows for effect in variants[i].effects if effect.forces]
+        memories = [effect.begin(models[i], start[rows[i], :, nv:]) for i, effect in acting]
+        time, before = windows.start + h / 2, None
+        for k in range(s):
+            now = state[:, by.motion].reshape(p, w, -1)
+            q, v = now[..., :nv], now[..., nv:]
+            gain = np.zeros_like(v) if before is None else (v - before) / h
+            middle_q, middle_v, before = q + 0.5 * h * v + 0.125 * h**2 * gain, v + 0.5 * h * gain, v.copy()
+            here = control[:, :, k].copy()
+            for m, (i, effect) in enumerate(acting):
+                r = rows[i]
+                then = np.broadcast_to(time + k * h, (len(r), w))
+                force, memories[m] = effect.advance(
+                    models[i], memories[m], then, middle_q[r], middle_v[r], here[r, :, :nu], h
+                )
+                here[r, :, nu:] += force
+            state = by.run(batch, state, here.reshape(p * w, 1, -1))[:, 0]
+            out[:, :, k] = state[:, by.motion].reshape(p, w, -1)
+        return out
 
     def _pushes(self, variant: Variant, windows: Windows) -> Array:
         """Mean forces of pulses over each step, `[W, S, nv]`."""
@@ -204,11 +239,6 @@ class Simulator:
             of = windows.recording == pulse.recording
             inside = np.clip(edges[of], pulse.start, pulse.start + pulse.duration)
             out[of, :, pulse.dof] += pulse.force * np.diff(inside, axis=1) / self.step
-        return out
-
-    def _run(self, models: list[mujoco.MjModel], state: Array, control: Array) -> Array:
-        out = np.empty((*control.shape[:2], state.shape[1]))
-        self._pool.rollout(models, self._data, state, control, control_spec=_CONTROL, state=out)
         return out
 
     def _commands(self, variant: Variant, windows: Windows) -> Array:

@@ -1,0 +1,499 @@
+"""Thousands of short rollouts of a tree of hinges and slides at once, as MuJoCo steps it, compiled by JAX.
+
+MuJoCo's own batched rollouts take some 10 us per Runge-Kutta step of a double pendulum, and a search needs hundreds of
+millions of steps. Equations: Featherstone, Rigid Body Dynamics Algorithms (2008), chapters 2 and 6; dry friction and
+integrators as in MuJoCo's documentation ("Computation"). Everything is written in single numbers, each an array over
+the rollouts, so that what is zero by construction costs nothing.
+"""
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Vector = tuple[Any, Any, Any]
+CHUNK, STEP_CHUNKS = 128, (64, 512)
+"""Rollouts of many steps, and of one, that are simulated together: any other number of them is compiled anew."""
+MOST_JOINTS = 6
+BODY, JOINT, MOTOR = 10, 11, 9
+"""Numbers per body, joint and motor."""
+_OFF = mujoco.mjtDisableBit
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A hinge or slide; axis and anchor in the body's frame."""
+
+    slides: bool
+    axis: Vector
+    anchor: Vector
+    reference: float
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body; what is zero in `shape` stays zero."""
+
+    parent: int
+    joints: tuple[int, ...]
+    turn: tuple[Vector, Vector, Vector]
+    principal: tuple[Vector, Vector, Vector]
+    shape: tuple[bool, ...]
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """What of a model no variant changes.
+
+    Attributes:
+        bodies: without the world; a parent comes before its children.
+        joints: of all bodies.
+        motors: joint of each.
+        step: s.
+        runge_kutta: the integrator; semi-implicit Euler with implicit damping otherwise.
+    """
+
+    bodies: tuple[Body, ...]
+    joints: tuple[Joint, ...]
+    motors: tuple[int, ...]
+    step: float
+    runge_kutta: bool
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> "Mechanism | None":
+        """None for models with what only MuJoCo can step: closed loops, contacts, tendons, motors with a memory."""
+        if not _in_scope(model):
+            return None
+        joints = tuple(
+            Joint(
+                bool(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE),
+                _clean(model.jnt_axis[j]),
+                _clean(model.jnt_pos[j]),
+                float(model.qpos0[j]),
+            )
+            for j in range(model.njnt)
+        )
+        bodies = []
+        for b in range(1, model.nbody):
+            first = int(model.body_jntadr[b])
+            own = tuple(range(first, first + int(model.body_jntnum[b])))
+            numbers = np.concatenate([[1.0], model.body_ipos[b], np.ones(3), model.body_pos[b]])
+            nonzero = tuple(bool(x) for x in np.abs(numbers) > 1e-12)
+            turns = _matrix(model.body_quat[b]), _matrix(model.body_iquat[b])
+            bodies.append(Body(int(model.body_parentid[b]) - 1, own, *turns, nonzero))
+        motors = tuple(int(model.actuator_trnid[i, 0]) for i in range(model.nu))
+        runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        return cls(tuple(bodies), joints, motors, float(model.opt.timestep), bool(runge_kutta))
+
+    def numbers(self, model: mujoco.MjModel) -> Array:
+        """What variants may change, `[K]`."""
+        flags = int(model.opt.disableflags)
+        on = {name: not flags & int(getattr(_OFF, f"mjDSBL_{name}")) for name in _FLAGS}
+        bodies = [model.body_mass[1:, None], model.body_ipos[1:], model.body_inertia[1:], model.body_pos[1:]]
+        friction = model.dof_frictionloss * (on["CONSTRAINT"] and on["FRICTIONLOSS"])
+        impedance = np.clip(model.dof_solimp[:, :2], 1e-4, 0.9999)
+        regular = np.maximum((1 - impedance[:, 0]) / impedance[:, 0] * model.dof_invweight0, 1e-15)
+        safe = np.maximum(model.dof_solref[:, 0], 2 * self.step if on["REFSAFE"] else 0.0)
+        joints = [
+            np.stack([model.dof_damping, *model.dof_dampingpoly.T]) * on["DAMPER"],
+            model.dof_armature[None],
+            np.stack([model.jnt_stiffness, *model.jnt_stiffnesspoly.T]) * on["SPRING"],
+            model.qpos_spring[None],
+            np.stack([friction, regular, 2 / (impedance[:, 1] * safe)]),
+        ]
+        force = np.stack([model.actuator_gainprm[:, 0], *model.actuator_biasprm[:, :3].T], axis=1) * on["ACTUATION"]
+        clamps = model.actuator_ctrllimited.astype(bool) & on["CLAMPCTRL"], model.actuator_forcelimited.astype(bool)
+        ranges = [
+            np.where(limited[:, None], limits, [-np.inf, np.inf])
+            for limited, limits in zip(clamps, (model.actuator_ctrlrange, model.actuator_forcerange), strict=True)
+        ]
+        motors = np.concatenate([model.actuator_gear[:, :1], force, *ranges], axis=1)
+        gravity = model.opt.gravity * on["GRAVITY"]
+        return np.concatenate(
+            [np.concatenate(bodies, axis=1).ravel(), np.concatenate(joints).T.ravel(), motors.ravel(), gravity]
+        )
+
+    def batch(self, numbers: Array, steps: int) -> list[Any]:
+        """N rollouts of so many steps with these numbers, `[N, K]`, in chunks."""
+        with jax.enable_x64(True):
+            return [jnp.asarray(numbers[piece].T) for piece in _chunks(len(numbers), steps)]
+
+    def run(self, batch: list[Any], state: Array, control: Array) -> Array:
+        """States after every step.
+
+        Args:
+            batch: N rollouts of S steps.
+            state: `[N, 2 nv]` positions and velocities at first.
+            control: `[N, S, nu + nv]` commands and forces from outside, held over each step.
+
+        Returns:
+            `[N, S, 2 nv]`; not finite where a rollout diverges.
+        """
+        (n, steps, _), roll = control.shape, _compiled(self)
+        out, at = np.empty((n, steps, state.shape[1])), 0
+        with jax.enable_x64(True):
+            for numbers, piece in zip(batch, _chunks(n, steps), strict=True):
+                path = np.asarray(roll(numbers, state[piece].T, np.moveaxis(control[piece], 0, -1)))
+                used = min(len(piece), n - at)
+                out[at : at + used] = np.moveaxis(path, -1, 0)[:used]
+                at += used
+        return out
+
+
+def _chunks(number: int, steps: int) -> list[NDArray[np.int64]]:
+    """Indices in pieces of one size, the last one filled up."""
+    size = CHUNK if steps > 1 else STEP_CHUNKS[number > STEP_CHUNKS[0]]
+    return [np.minimum(np.arange(at, at + size), number - 1) for at in range(0, number, size)]
+
+
+_FLAGS = ("CONSTRAINT", "FRICTIONLOSS", "GRAVITY", "SPRING", "DAMPER", "ACTUATION", "CLAMPCTRL", "REFSAFE")
+
+
+def _in_scope(model: mujoco.MjModel) -> bool:
+    """The model is a tree of hinges and slides, with motors that act on joints, and nothing that collides."""
+    flags, kinds = int(model.opt.disableflags), mujoco.mjtJoint
+    unconstrained = bool(flags & int(_OFF.mjDSBL_CONSTRAINT))
+
+    def free_of(name: str) -> bool:
+        return unconstrained or bool(flags & int(getattr(_OFF, f"mjDSBL_{name}")))
+
+    velocity_bias = bool(model.nu and np.any(model.actuator_biasprm[:, 2]))
+    rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+    fast = model.opt.integrator in (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+    damped = not flags & int(_OFF.mjDSBL_EULERDAMP)
+    return bool(
+        np.isin(model.jnt_type, [int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)]).all()
+        and 0 < model.njnt <= MOST_JOINTS
+        and (rk4 or (fast and damped and not velocity_bias))
+        and (model.neq == 0 or free_of("EQUALITY"))
+        and (free_of("CONTACT") or not _may_collide(model))
+        and model.ntendon == model.nflex == model.nplugin == model.na == 0
+        and model.opt.density == 0 and model.opt.viscosity == 0
+        and not np.any(model.body_gravcomp)
+        and (model.dof_solref[:, 0] > 0).all()
+        and not np.any(model.jnt_actfrclimited)
+        and np.all(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
+        and np.all(model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
+        and np.all(model.actuator_biastype <= int(mujoco.mjtBias.mjBIAS_AFFINE))
+        and not np.any(model.actuator_damping) and not np.any(model.actuator_armature)
+        and not np.any(model.actuator_delay)
+    )  # fmt: skip
+
+
+def _may_collide(model: mujoco.MjModel) -> bool:
+    body, one, two = model.geom_bodyid, model.geom_contype, model.geom_conaffinity
+    weld, parent = model.body_weldid, model.body_parentid
+    for a in range(model.ngeom):
+        for b in range(a):
+            if not (one[a] & two[b] or one[b] & two[a]):
+                continue
+            x, y = weld[body[a]], weld[body[b]]
+            filtered = x and y and (weld[parent[x]] == y or weld[parent[y]] == x)
+            if x != y and not filtered:
+                return True
+    return model.npair > 0
+
+
+def _clean(values: Array) -> Vector:
+    """Floats, without rounding errors of zero and one."""
+    near = np.where(np.abs(values - np.round(values)) < 1e-12, np.round(values), values)
+    return tuple(float(x) + 0.0 for x in near)  # pyright: ignore[reportReturnType]
+
+
+def _matrix(quaternion: Array) -> tuple[Vector, Vector, Vector]:
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return tuple(_clean(row) for row in matrix.reshape(3, 3))  # pyright: ignore[reportReturnType]
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(mechanism: Mechanism) -> Any:
+    """Rollouts: numbers `[K, N]`, states `[2 nv, N]`, control `[S, nu + nv, N]`; `[S, 2 nv, N]`."""
+    step = _runge_kutta if mechanism.runge_kutta else _euler
+
+    def roll(numbers: Any, state: Any, control: Any) -> Any:
+        def advance(motion: Any, u: Any) -> Any:
+            motion = step(mechanism, numbers, motion, u)
+            return motion, jnp.concatenate(motion)
+
+        q, v = jnp.split(state, 2)
+        return jax.lax.scan(advance, (q, v), control)[1]
+
+    return jax.jit(roll)
+
+
+def _runge_kutta(mechanism: Mechanism, numbers: Any, state: Any, u: Any) -> Any:
+    """The classical one, of fourth order."""
+    h = mechanism.step
+    q, v = state
+
+    def stage(carry: Any, weights: Any) -> Any:
+        before, total = carry
+        ahead, share = weights
+        here = q + h * ahead * before[0], v + h * ahead * before[1]
+        slope = here[1], _acceleration(mechanism, numbers, *here, u, implicit=False)
+        return (slope, jax.tree.map(lambda t, s: t + share * s, total, slope)), None
+
+    zero = jnp.zeros_like(q), jnp.zeros_like(v)
+    weights = jnp.array([0.0, 0.5, 0.5, 1.0]), jnp.array([1.0, 2.0, 2.0, 1.0]) / 6
+    (_, total), _ = jax.lax.scan(stage, (zero, zero), weights, unroll=4)
+    return q + h * total[0], v + h * total[1]
+
+
+def _euler(mechanism: Mechanism, numbers: Any, state: Any, u: Any) -> Any:
+    """Semi-implicit, with implicit damping."""
+    q, v = state
+    v = v + mechanism.step * _acceleration(mechanism, numbers, q, v, u, implicit=True)
+    return q + mechanism.step * v, v
+
+
+def _acceleration(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any, implicit: bool) -> Any:
+    """`[nv, N]`; `implicit` in damping, as a step of Euler's needs it."""
+    nb, nv, nu = len(mechanism.bodies), len(mechanism.joints), len(mechanism.motors)
+    split = np.cumsum([nb * BODY, nv * JOINT, nu * MOTOR])
+    bodies, joints, motors, gravity = (numbers[a:b] for a, b in zip([0, *split], [*split, len(numbers)], strict=True))
+    mass, bias = _mass_and_bias(mechanism, bodies.reshape(nb, BODY, -1), tuple(gravity), q, v)
+    joints, motors = joints.reshape(nv, JOINT, -1), motors.reshape(nu, MOTOR, -1)
+    slope, force = [], []
+    for j in range(nv):
+        b0, b1, b2, armature, k0, k1, k2, rest = joints[j, :8]
+        mass[j][j] = _add(mass[j][j], armature)
+        speed, x = jnp.abs(v[j]), q[j] - rest
+        spring = x * (k0 + x * (k1 + x * k2))
+        force.append(u[nu + j] - v[j] * (b0 + speed * (b1 + speed * b2)) - spring - bias[j])
+        slope.append(b0 + speed * (2 * b1 + speed * 3 * b2))
+    for i, j in enumerate(mechanism.motors):
+        gear, gain, f0, f1, f2, low, high, least, most = motors[i]
+        torque = gain * jnp.clip(u[i], low, high) + f0 + f1 * gear * q[j] + f2 * gear * v[j]
+        force[j] = force[j] + gear * jnp.clip(torque, least, most)
+    rubbed = _friction(mass, force, [joints[j, 8:] for j in range(nv)], v)
+    if implicit:
+        for j in range(nv):
+            mass[j][j] = mass[j][j] + mechanism.step * slope[j]
+    return jnp.stack(_solve(mass, [_add(f, r) for f, r in zip(force, rubbed, strict=True)]))
+
+
+def _friction(mass: list[list[Any]], force: list[Any], joints: Sequence[Any], v: Any) -> list[Any]:
+    """Dry friction of the joints: MuJoCo's soft constraint, by Newton steps on which joints slip."""
+    nv = len(force)
+    stop = [-damping * v[j] for j, (_, _, damping) in enumerate(joints)]
+
+    def rub(acceleration: Any) -> tuple[list[Any], list[Any]]:
+        """Forces, and whether each joint sticks."""
+        wanted = [(stop[j] - acceleration[j]) / regular for j, (_, regular, _) in enumerate(joints)]
+        forces = [jnp.clip(w, -most, most) for w, (most, _, _) in zip(wanted, joints, strict=True)]
+        return forces, [jnp.abs(w) < most for w, (most, _, _) in zip(wanted, joints, strict=True)]
+
+    def accelerate(rubbed: list[Any], sticks: list[Any]) -> Any:
+        stiff, right = [list(row) for row in mass], []
+        for j, (_, regular, _) in enumerate(joints):
+            stiff[j][j] = stiff[j][j] + jnp.where(sticks[j], 1 / regular, 0.0)
+            right.append(force[j] + jnp.where(sticks[j], stop[j] / regular, rubbed[j]))
+        return jnp.stack(_solve(stiff, right))
+
+    def newton(acceleration: Any, _: None) -> tuple[Any, None]:
+        return accelerate(*rub(acceleration)), None
+
+    def rubbing() -> Any:
+        free = _solve(mass, force)
+        given = [_solve(mass, [jnp.ones_like(v[0]) if i == j else 0.0 for j in range(nv)]) for i in range(nv)]
+
+        def relax(rubbed: Any, _: None) -> tuple[Any, None]:
+            """A sweep of projected Gauss-Seidel."""
+            forces = list(rubbed)
+            for j, (most, regular, _) in enumerate(joints):
+                acceleration = free[j] + functools.reduce(_add, [_mul(given[i][j], forces[i]) for i in range(nv)])
+                change = (stop[j] - acceleration - regular * forces[j]) / (given[j][j] + regular)
+                forces[j] = jnp.clip(forces[j] + change, -most, most)
+            return jnp.stack(forces), None
+
+        rubbed, _ = jax.lax.scan(relax, jnp.zeros_like(v), None, length=2 * nv, unroll=True)  # finds which joints stick
+        first = jnp.stack(_solve(mass, [f + r for f, r in zip(force, rubbed, strict=True)]))
+        acceleration, _ = jax.lax.scan(newton, first, None, length=2, unroll=True)  # exact then
+        return jnp.stack(rub(acceleration)[0])
+
+    anywhere = functools.reduce(jnp.logical_or, [jnp.any(joint[0] > 0) for joint in joints])
+    return list(jax.lax.cond(anywhere, rubbing, lambda: jnp.zeros_like(v)))
+
+
+def _mass_and_bias(
+    mechanism: Mechanism, numbers: Any, gravity: Vector, q: Any, v: Any
+) -> tuple[list[list[Any]], list[Any]]:
+    """Mass matrix, and the force that holds all joints at constant speed."""
+    nv = len(mechanism.joints)
+    mass: list[list[Any]] = [[0.0] * nv for _ in range(nv)]
+    bias: list[Any] = [0.0] * nv
+    zero, eye = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    up = tuple(-g for g in gravity)
+    world = eye, zero, zero, zero, zero, up, ()
+    frames: list[Any] = []
+    for b, body in enumerate(mechanism.bodies):
+        m, *rest = (numbers[b, i] if there else 0.0 for i, there in enumerate(body.shape))
+        centre, inertia, place = tuple(rest[:3]), rest[3:6], tuple(rest[6:])
+        turn, origin, spin, speed, spin_rate, rate, moving = frames[body.parent] if body.parent >= 0 else world
+
+        def ride(arm: Any, spin: Any, spin_rate: Any) -> Any:
+            """Velocity and acceleration of a point relative to another of the same body."""
+            swing = _cross(spin, arm)
+            return swing, _plus(_cross(spin_rate, arm), _cross(spin, swing))
+
+        def move(arm: Any, origin: Any, speed: Any, rate: Any, spin: Any, spin_rate: Any) -> Any:
+            swing, swing_rate = ride(arm, spin, spin_rate)
+            return _plus(origin, arm), _plus(speed, swing), _plus(rate, swing_rate)
+
+        origin, speed, rate = move(_turned(turn, place), origin, speed, rate, spin, spin_rate)
+        turn = _product(turn, body.turn)
+        for j in body.joints:
+            joint = mechanism.joints[j]
+            axis, angle = _turned(turn, joint.axis), q[j] - joint.reference
+            if joint.slides:
+                origin, speed, rate = move(_scaled(angle, axis), origin, speed, rate, spin, spin_rate)
+                speed = _plus(speed, _scaled(v[j], axis))
+                rate = _plus(rate, _scaled(2 * v[j], _cross(spin, axis)))
+                moving = (*moving, (j, axis, None))
+                continue
+            anchor, speed, rate = move(_turned(turn, joint.anchor), origin, speed, rate, spin, spin_rate)
+            spin_rate = _plus(spin_rate, _scaled(v[j], _cross(spin, axis)))
+            spin = _plus(spin, _scaled(v[j], axis))
+            turn = _product(turn, _rotation(joint.axis, angle))
+            back = _scaled(-1.0, _turned(turn, joint.anchor))
+            origin, speed, rate = move(back, anchor, speed, rate, spin, spin_rate)
+            moving = (*moving, (j, axis, anchor))
+        frames.append((turn, origin, spin, speed, spin_rate, rate, moving))
+        middle, _, push = move(_turned(turn, centre), origin, speed, rate, spin, spin_rate)
+        principal = _product(turn, body.principal)
+
+        def heavy(w: Any, principal: Any = principal, inertia: Any = inertia) -> Any:
+            """Inertia times a rotation."""
+            along = tuple(_mul(inertia[i], _dot(tuple(row[i] for row in principal), w)) for i in range(3))
+            return _turned(principal, along)
+
+        twist = _plus(heavy(spin_rate), _cross(spin, heavy(spin)))
+        push = _scaled(m, push)
+        columns = [
+            (j, axis if anchor is None else _cross(axis, _minus(middle, anchor)), zero if anchor is None else axis)
+            for j, axis, anchor in moving
+        ]
+        for i, straight, round_ in columns:
+            bias[i] = _add(bias[i], _add(_dot(straight, push), _dot(round_, twist)))
+            pulled, turned = _scaled(m, straight), heavy(round_)
+            for j, other, other_round in columns:
+                if j <= i:
+                    mass[i][j] = _add(mass[i][j], _add(_dot(other, pulled), _dot(other_round, turned)))
+    for i in range(nv):
+        for j in range(i):
+            mass[j][i] = mass[i][j]
+    return mass, bias
+
+
+def _solve(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
+    """Of a positive definite system, by its L D L' factors."""
+    n = len(right)
+    low: list[list[Any]] = [[0.0] * n for _ in range(n)]
+    diagonal: list[Any] = []
+    x = list(right)
+    for j in range(n):
+        d = matrix[j][j]
+        for k in range(j):
+            d = d - _mul(_mul(low[j][k], low[j][k]), diagonal[k])
+        diagonal.append(d)
+        for i in range(j + 1, n):
+            value = matrix[i][j]
+            for k in range(j):
+                value = _minus_one(value, _mul(_mul(low[i][k], low[j][k]), diagonal[k]))
+            low[i][j] = 0.0 if _is(value, 0.0) else value / d
+    for i in range(n):
+        for k in range(i):
+            x[i] = _minus_one(x[i], _mul(low[i][k], x[k]))
+    x = [value / d for value, d in zip(x, diagonal, strict=True)]
+    for i in reversed(range(n)):
+        for k in range(i + 1, n):
+            x[i] = _minus_one(x[i], _mul(low[k][i], x[k]))
+    return x
+
+
+def _is(a: Any, value: float) -> bool:
+    return isinstance(a, float) and a == value
+
+
+def _mul(a: Any, b: Any) -> Any:
+    if _is(a, 0.0) or _is(b, 0.0):
+        return 0.0
+    return b if _is(a, 1.0) else a if _is(b, 1.0) else a * b
+
+
+def _add(a: Any, b: Any) -> Any:
+    return b if _is(a, 0.0) else a if _is(b, 0.0) else a + b
+
+
+def _minus_one(a: Any, b: Any) -> Any:
+    return a if _is(b, 0.0) else -b if _is(a, 0.0) else a - b
+
+
+def _dot(a: Any, b: Any) -> Any:
+    return _add(_add(_mul(a[0], b[0]), _mul(a[1], b[1])), _mul(a[2], b[2]))
+
+
+def _cross(a: Any, b: Any) -> Vector:
+    return (
+        _minus_one(_mul(a[1], b[2]), _mul(a[2], b[1])),
+        _minus_one(_mul(a[2], b[0]), _mul(a[0], b[2])),
+        _minus_one(_mul(a[0], b[1]), _mul(a[1], b[0])),
+    )
+
+
+def _plus(a: Any, b: Any) -> Vector:
+    return _add(a[0], b[0]), _add(a[1], b[1]), _add(a[2], b[2])
+
+
+def _minus(a: Any, b: Any) -> Vector:
+    return _minus_one(a[0], b[0]), _minus_one(a[1], b[1]), _minus_one(a[2], b[2])
+
+
+def _scaled(s: Any, a: Any) -> Vector:
+    return _mul(s, a[0]), _mul(s, a[1]), _mul(s, a[2])
+
+
+def _turned(matrix: Any, a: Any) -> Vector:
+    return _dot(matrix[0], a), _dot(matrix[1], a), _dot(matrix[2], a)
+
+
+def _product(a: Any, b: Any) -> tuple[Vector, Vector, Vector]:
+    columns = tuple(tuple(row[i] for row in b) for i in range(3))
+    return tuple(tuple(_dot(row, column) for column in columns) for row in a)  # pyright: ignore[reportReturnType]
+
+
+def _sine_and_cosine(angle: Any) -> tuple[Any, Any]:
+    """To 1e-15, by polynomials: the compiler's own take most of the time of a step."""
+    quarter = jnp.round(angle * (2 / math.pi))
+    x = (angle - quarter * (math.pi / 2)) - quarter * 6.123233995736766e-17
+    square, sine, cosine = x * x, 0.0, 0.0
+    for n in range(17, 0, -2):
+        sine = _add(_mul(square, sine), (-1.0) ** (n // 2) / math.factorial(n))
+        cosine = _add(_mul(square, cosine), (-1.0) ** (n // 2) / math.factorial(n - 1))
+    turns = quarter.astype(jnp.int32) & 3
+    odd = (turns & 1) == 1
+    s, c = jnp.where(odd, cosine, x * sine), jnp.where(odd, x * sine, cosine)
+    return jnp.where(turns >= 2, -s, s), jnp.where((turns == 1) | (turns == 2), -c, c)
+
+
+def _rotation(axis: Vector, angle: Any) -> tuple[Vector, Vector, Vector]:
+    """About a unit axis (Rodrigues)."""
+    s, c = _sine_and_cosine(angle)
+    x, y, z = axis
+    across = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
+
+    def entry(i: int, j: int) -> Any:
+        if i == j and abs(axis[i]) == 1:
+            return 1.0
+        return _add(_add(c if i == j else 0.0, _mul(s, across[i][j])), _mul(axis[i] * axis[j], 1 - c))
+
+    return tuple(tuple(entry(i, j) for j in range(3)) for i in range(3))  # pyright: ignore[reportReturnType]

@@ -1,0 +1,102 @@
+"""Compiled rollouts against MuJoCo's."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from keycld_envs.effects.base import add_friction
+from keycld_envs.systems import get_system
+from keycld_model.diagnosis.mechanism import Mechanism
+from keycld_model.diagnosis.rollouts import CompiledRollouts, MujocoRollouts
+
+SKEW = """
+<mujoco>
+  <option gravity="1 -2 -9" timestep="0.005"><flag contact="disable"/></option>
+  <default><geom density="700"/></default>
+  <worldbody>
+    <body name="car" pos="0.1 0.2 0.3" quat="0.9 0.1 0.3 -0.2">
+      <joint name="rail" type="slide" axis="1 2 0.5" damping="0.3" stiffness="2" springref="0.1" ref="0.05"/>
+      <geom type="box" size="0.1 0.05 0.03" pos="0.02 0.01 0" euler="10 20 30"/>
+      <body name="mast" pos="0 0.1 0" euler="40 -10 20">
+        <joint name="yaw" axis="0 0 1" pos="0.03 0 0.1" armature="0.02" ref="0.3"/>
+        <joint name="pitch" axis="0.3 1 0" frictionloss="0.2"/>
+        <geom type="capsule" fromto="0 0 0 0.1 0 0.4" size="0.04"/>
+        <body pos="0.1 0 0.4"><geom type="sphere" size="0.06" pos="0 0.05 0"/></body>
+        <body name="tip" pos="0.1 0 0.4">
+          <joint name="wrist" axis="1 0 0" frictionloss="0.05" damping="0.01"/>
+          <geom type="ellipsoid" size="0.03 0.1 0.05" pos="0 0.1 0.02"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="yaw" gear="2" ctrlrange="-1 1" ctrllimited="true"/>
+    <general joint="rail" gainprm="3" biastype="affine" biasprm="0.1 -0.5 0" forcerange="-4 4" forcelimited="true"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def model_of(name: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(SKEW) if name == "skew" else get_system(name).compile()
+
+
+def rub(model: mujoco.MjModel) -> None:
+    for dof in range(model.nv):
+        add_friction(model, dof, 0.1 + 0.1 * dof)
+
+
+def swing(model: mujoco.MjModel) -> None:
+    model.dof_dampingpoly[:] = 0.05, 0.01
+    model.jnt_stiffnesspoly[:] = 0.1, 0.02
+    model.body_mass[1:] *= 1.2
+    model.body_ipos[1:] *= 0.9
+
+
+@pytest.mark.parametrize("integrator", ["mjINT_EULER", "mjINT_RK4", "mjINT_IMPLICITFAST"])
+@pytest.mark.parametrize("name", ["pendulum", "cartpole", "acrobot", "skew"])
+def test_every_step_is_that_of_mujoco(name, integrator):
+    base, rng = model_of(name), np.random.default_rng(0)
+    base.opt.integrator = getattr(mujoco.mjtIntegrator, integrator)
+    base.jnt_limited[:] = 0
+    base.opt.tolerance, base.opt.iterations = 1e-14, 200
+    models = []
+    for change in (lambda model: None, swing, rub):
+        model = model_of(name)
+        model.opt.timestep, model.opt.integrator = base.opt.timestep, base.opt.integrator
+        model.opt.tolerance, model.opt.iterations = 1e-14, 200
+        model.jnt_limited[:] = 0
+        change(model)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        models.append(model)
+    mechanism = Mechanism.of(base)
+    assert mechanism is not None
+    number, steps = 300, 40
+    of = np.arange(number) % len(models)
+    state = np.concatenate([rng.normal(0, 1, (number, base.nv)), rng.normal(0, 2, (number, base.nv))], axis=1)
+    control = rng.normal(0, 1, (number, steps, base.nu + base.nv))
+    slow = MujocoRollouts(base, 2)
+    full = np.zeros((number, slow.size))
+    full[:, slow.motion] = state
+    true = slow.run(slow.batch(models, of, steps), full, control)[..., slow.motion]
+    fast = CompiledRollouts(mechanism)
+    path = fast.run(fast.batch(models, of, steps), state, control)
+    free = of < 2
+    assert path[free] == pytest.approx(true[free], abs=1e-9)
+    assert np.max(np.abs(path[~free] - true[~free])) < 1e-6
+
+
+@pytest.mark.parametrize(
+    "xml",
+    [
+        '<worldbody><body><joint type="ball"/><geom size="0.1"/></body></worldbody>',
+        '<worldbody><geom type="plane" size="1 1 1"/><body><joint/><geom size="0.1"/></body></worldbody>',
+        '<option density="1.2"/><worldbody><body><joint/><geom size="0.1"/></body></worldbody>',
+        '<worldbody><body><joint name="a"/><geom size="0.1"/></body></worldbody>'
+        '<actuator><general joint="a" dyntype="filter" dynprm="0.1"/></actuator>',
+        '<worldbody><body name="b"><joint/><geom size="0.1"/></body></worldbody>'
+        '<equality><connect body1="b" anchor="0.1 0 0"/></equality>',
+    ],
+)
+def test_what_only_mujoco_can_step_is_left_to_it(xml):
+    assert Mechanism.of(mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")) is None
