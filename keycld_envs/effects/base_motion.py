@@ -11,7 +11,7 @@ from keycld_envs.effects.base import Array, Effect, parameter
 
 @dataclass(frozen=True)
 class BaseMotion(Effect):
-    """Everything hangs on a base that accelerates along the world's x or z axis."""
+    """Everything hangs on a base that accelerates along the world's x or z axis; for hinges and slides."""
 
     id: ClassVar[str] = "base_motion"
     family: ClassVar[str] = "force"
@@ -36,12 +36,35 @@ class BaseMotion(Effect):
 
 def weight(model: mujoco.MjModel, axis: int, q: Array) -> Array:
     """Generalised force `[..., nv]` of a unit of gravity along an axis of the world, at positions `[..., nq]`."""
-    data, flat = mujoco.MjData(model), q.reshape(-1, q.shape[-1])
-    out, jacobian = np.empty((len(flat), model.nv)), np.empty((3, model.nv))
-    for row, position in zip(out, flat, strict=True):
-        data.qpos[:] = position
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_jacSubtreeCom(model, data, jacobian, 0)
-        row[:] = model.body_subtreemass[0] * jacobian[axis]
+    flat = q.reshape(-1, q.shape[-1])
+    out, eye = np.zeros((len(flat), model.nv)), np.broadcast_to(np.eye(3), (len(flat), 3, 3))
+    turns, origins, moving = [eye], [np.zeros((len(flat), 3))], [()]
+    for body in range(1, model.nbody):
+        parent, frame = int(model.body_parentid[body]), np.empty(9)
+        origin = origins[parent] + turns[parent] @ model.body_pos[body]
+        mujoco.mju_quat2Mat(frame, model.body_quat[body])
+        turn, joints = turns[parent] @ frame.reshape(3, 3), moving[parent]
+        for j in range(int(model.body_jntadr[body]), int(model.body_jntadr[body] + model.body_jntnum[body])):
+            amount, arm, along = flat[:, j] - model.qpos0[j], model.jnt_pos[j], turn @ model.jnt_axis[j]
+            if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE:
+                origin, anchor = origin + amount[:, None] * along, None
+            else:
+                anchor = origin + turn @ arm
+                turn = turn @ _rotations(model.jnt_axis[j], amount)
+                origin = anchor - turn @ arm
+            joints = (*joints, (j, along, anchor))
+        turns, origins, moving = [*turns, turn], [*origins, origin], [*moving, joints]
+        centre = origin + turn @ model.body_ipos[body]
+        for j, along, anchor in joints:
+            out[:, j] += (
+                model.body_mass[body] * (along if anchor is None else np.cross(along, centre - anchor))[:, axis]
+            )
     return out.reshape(*q.shape[:-1], model.nv)
+
+
+def _rotations(axis: Array, angle: Array) -> Array:
+    """About a unit axis, `[N, 3, 3]` (Rodrigues)."""
+    x, y, z = axis
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = angle[:, None, None]
+    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * (across @ across)

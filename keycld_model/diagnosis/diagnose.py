@@ -27,7 +27,7 @@ from keycld_model.diagnosis.prepare import SAMPLES, split, thin
 from keycld_model.diagnosis.pulses import concentrated, paid, pushed
 from keycld_model.diagnosis.report import FitErrors, Report, Verdict
 from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force
-from keycld_model.diagnosis.search import Scored, Search
+from keycld_model.diagnosis.search import Scored, Search, misfit
 from keycld_model.diagnosis.simulator import Simulator
 from keycld_model.diagnosis.windows import cut
 
@@ -42,16 +42,8 @@ CLEAR, DOUBTFUL = 10.0, 3.0
 UNKNOWN, MATERIAL = 15.0, 0.02
 """Nats, and share of what named effects gained, that a force without a name must gain on held-out recordings: its form
 is free, and may mend idealisations of theirs."""
-EXCLUDED = (
-    "external_pulse",  # has a search of its own
-    "backlash",
-    "base_motion",
-    "hysteretic_friction",
-    "joint_flexibility",
-    "load_dependent_friction",
-    "parameter_drift",
-)
-"""Effects that are not searched for: those with a memory or a look at every body make a search several times slower."""
+EXCLUDED = ("external_pulse",)
+"""Effects that have a search of their own."""
 
 
 def diagnose(
@@ -98,17 +90,20 @@ def diagnose(
         findings = [] if verdict == "no_mismatch" else found
         unexplained = unexplained_of(before, shown, model)
         advance(1, "looking for what has no name")
-        smooth = fit_residual_force(named, ROUNDS if unexplained.significant else 2)
-        extra = (likelihood(trial.short(smooth)) - likelihood(shown)) / search.temper
-        unknown = extra > max(UNKNOWN, MATERIAL * nats)
-        chosen, ceiling = (smooth if unknown else named), None
-        if unknown:
+        rounds = ROUNDS if unexplained.significant else 2
+        smooth, alone = fit_residual_force(named, rounds), fit_residual_force(refitted, rounds)
+        beside, without = (likelihood(trial.short(fit)) for fit in (smooth, alone))
+        temper = min(search.temper, misfit(smooth), misfit(alone))
+        extra, chosen, ceiling = (max(beside, without) - likelihood(shown)) / temper, named, None
+        if extra > max(UNKNOWN, MATERIAL * nats):
+            chosen, verdict = smooth, "mismatch"
+            if without > beside - UNKNOWN * temper:  # named effects stood for a part of it
+                chosen, findings, nats = alone, [], 0.0
             findings.append(unknown_of(chosen, extra / (extra + max(nats, 0.0))))
-            verdict = "mismatch"
         elif unexplained.significant and verdict == "no_mismatch":
             verdict = "undetermined"
         elif verdict != "no_mismatch":
-            ceiling = fit_residual_force(refitted, rounds=2)
+            ceiling = alone
         nominal = replace(refitted, point=refitted.problem.start())
         rollouts = [trial.long(fit) for fit in (nominal, refitted, chosen)]
         limits = rollouts if ceiling is None else [*rollouts, trial.long(ceiling)]
@@ -165,10 +160,14 @@ def _search(fits: Sequence[Fit]) -> tuple[Search, Fit, Scored]:
 
 
 def _explain(refitted: Fit) -> tuple[Search, Scored]:
-    """The best set of effects and pushes with one integrator; pushes only where effects alone leave more than noise."""
+    """The best set of effects and pushes with one integrator.
+
+    Pushes only where neither effects nor a smooth force on the joints, which would come again in the same states, leave
+    only noise.
+    """
     search = Search(refitted.problem, EXCLUDED)
     best = search.run(refitted.point)
-    if significant(best.fit).max() > 0:
+    if significant(best.fit).max() > 0 and significant(fit_residual_force(refitted)).max() > 0:
         for fit in (refitted, best.fit):
             start = pushed(fit) if concentrated(fit) else fit
             if not start.point.variant.pulses:

@@ -253,7 +253,10 @@ class Problem:
             if only_states:
                 gradient, scale = np.zeros_like(gradient), scale + 1e12
             for _ in range(ATTEMPTS if fresh else 1):
-                step = np.linalg.lstsq(hessian + np.diag((caution + 1e-9) * scale), gradient, rcond=None)[0]
+                step = np.asarray(
+                    np.linalg.lstsq(hessian + np.diag((caution + 1e-9) * scale), gradient, rcond=None)[0],
+                    dtype=np.float64,
+                )
                 new, new_cost = self._best_states(self._moved(point, weighted, step), point)
                 if new_cost < cost:
                     break

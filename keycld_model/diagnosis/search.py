@@ -31,9 +31,9 @@ LOOKED = 6.0
 """Nats that an effect must gain beyond the price of its numbers, for it was looked for among hundreds."""
 DOUBTFUL = 100.0
 """Nats below which it is tried whether a fit needs an effect."""
-LARGEST = 4
+LARGEST = 3
 """Effects at once; where more seem to be needed, the true one is not among them."""
-ROUNDS = 4
+ROUNDS = 3
 """Times that the search starts again from the best set so far."""
 
 
