@@ -257,11 +257,11 @@ def _euler(mechanism: Mechanism, numbers: Any, state: Any, u: Any) -> Any:
 
 def _acceleration(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any, implicit: bool) -> Any:
     """`[nv, N]`; `implicit` in damping, as a step of Euler's needs it."""
-    nb, nv, nu = len(mechanism.bodies), len(mechanism.joints), len(mechanism.motors)
+    nb, nv, nu, n = len(mechanism.bodies), len(mechanism.joints), len(mechanism.motors), numbers.shape[1]
     split = np.cumsum([nb * BODY, nv * JOINT, nu * MOTOR])
     bodies, joints, motors, gravity = (numbers[a:b] for a, b in zip([0, *split], [*split, len(numbers)], strict=True))
-    mass, bias = _mass_and_bias(mechanism, bodies.reshape(nb, BODY, -1), tuple(gravity), q, v)
-    joints, motors = joints.reshape(nv, JOINT, -1), motors.reshape(nu, MOTOR, -1)
+    mass, bias = _mass_and_bias(mechanism, bodies.reshape(nb, BODY, n), tuple(gravity), q, v)
+    joints, motors = joints.reshape(nv, JOINT, n), motors.reshape(nu, MOTOR, n)
     slope, force = [], []
     for j in range(nv):
         b0, b1, b2, armature, k0, k1, k2, rest = joints[j, :8]

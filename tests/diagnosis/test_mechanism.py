@@ -38,7 +38,10 @@ SKEW = """
 
 
 def model_of(name: str) -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string(SKEW) if name == "skew" else get_system(name).compile()
+    if name in ("skew", "passive"):
+        xml = SKEW if name == "skew" else SKEW.split("<actuator>")[0] + "</mujoco>"
+        return mujoco.MjModel.from_xml_string(xml)
+    return get_system(name).compile()
 
 
 def rub(model: mujoco.MjModel) -> None:
@@ -54,7 +57,7 @@ def swing(model: mujoco.MjModel) -> None:
 
 
 @pytest.mark.parametrize("integrator", ["mjINT_EULER", "mjINT_RK4", "mjINT_IMPLICITFAST"])
-@pytest.mark.parametrize("name", ["pendulum", "cartpole", "acrobot", "skew"])
+@pytest.mark.parametrize("name", ["pendulum", "cartpole", "acrobot", "skew", "passive"])
 def test_every_step_is_that_of_mujoco(name, integrator):
     base, rng = model_of(name), np.random.default_rng(0)
     base.opt.integrator = getattr(mujoco.mjtIntegrator, integrator)
