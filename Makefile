@@ -19,7 +19,7 @@ demo: libraries .venv/.keycld opengl
 	$(BIN)/keycld demo
 
 test: libraries .venv/.keycld-dev opengl
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2
 
 lint: .venv/.keycld-dev
 	$(BIN)/ruff check .
