@@ -1,9 +1,9 @@
 """Thousands of short rollouts of a tree of hinges and slides at once, as MuJoCo steps it, compiled by JAX.
 
-MuJoCo's own batched rollouts take some 10 us per Runge-Kutta step of a double pendulum, and a search needs hundreds of
-millions of steps. Equations: Featherstone, Rigid Body Dynamics Algorithms (2008), chapters 2 and 6; dry friction and
-integrators as in MuJoCo's documentation ("Computation"). Everything is written in single numbers, each an array over
-the rollouts, so that what is zero by construction costs nothing.
+A search needs many millions of steps; `examples/rollout_speed.py` compares with MuJoCo's own batched rollouts.
+Equations: Featherstone, Rigid Body Dynamics Algorithms (2008), chapters 2 and 6; dry friction and integrators as in
+MuJoCo's documentation ("Computation"). Everything is written in single numbers, each an array over the rollouts, so
+that what is zero by construction costs nothing.
 """
 
 import functools
