@@ -1,6 +1,6 @@
 """Steps per second of the diagnosis' compiled rollouts beside MuJoCo's batched ones, on this machine, in one run.
 
-python examples/rollout_speed.py
+Usage: python examples/rollout_speed.py
 """
 
 import time

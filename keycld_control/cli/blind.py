@@ -6,6 +6,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
+from keycld_control.cli._compiled import keep_compiled
 from keycld_control.cli._output import print_result
 
 
@@ -39,6 +40,7 @@ class Args:
 
 def run(args: Args) -> None:
     """Make, run, or score."""
+    keep_compiled()
     from keycld_envs.errors import InputError
 
     if args.workers < 1:

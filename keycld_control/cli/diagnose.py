@@ -5,6 +5,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from keycld_control.cli._compiled import keep_compiled
 from keycld_control.cli._output import print_result, write_result
 
 
@@ -35,6 +36,7 @@ class Args:
 
 def run(args: Args) -> int:
     """Diagnose, write and print the report."""
+    keep_compiled()
     from keycld_envs.recordings import read_dataset
     from keycld_model.diagnosis import diagnose
     from keycld_model.diagnosis.corrected import write_corrected

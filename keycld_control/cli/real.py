@@ -5,6 +5,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from keycld_control.cli._compiled import keep_compiled
 from keycld_control.cli._output import print_result, write_result
 
 
@@ -31,6 +32,7 @@ class Args:
 
 def run(args: Args) -> int:
     """Run gates, write results, print a table."""
+    keep_compiled()
     from keycld_envs.errors import InputError
     from keycld_envs.progress import progress
     from keycld_model.diagnosis.real import GATES

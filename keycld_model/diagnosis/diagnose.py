@@ -177,6 +177,7 @@ def _explain(refitted: Fit) -> tuple[Search, Scored]:
             filler = found.fit.point.variant.pulses and significant(found.fit).max() > 0
             if not filler and _paid(found) < _paid(best):
                 search, best = other, found
+                break
     return search, search.soften(best)
 
 

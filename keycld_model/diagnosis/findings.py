@@ -17,6 +17,16 @@ from keycld_model.diagnosis.search import Scored, Search
 EXPLAINED, SURE = 0.15, 4.0
 """Above one, what the mean square of whitened residuals may be where only noise is left: the variance of the noise is
 known to some 5 %, and the mean square to so many standard deviations."""
+ALONG = {
+    "N m": "N",
+    "N m s/rad": "N s/m",
+    "N m s^2/rad^2": "N s^2/m^2",
+    "N m/rad": "N/m",
+    "kg m^2": "kg",
+    "rad": "m",
+    "rad/s": "m/s",
+}
+"""Units of a slide, for those of a hinge."""
 
 
 def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], search: Search) -> list[Finding]:
@@ -33,7 +43,7 @@ def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], searc
                 effect=effect.id,
                 family=effect.family,
                 where={"kind": effect.kind, "name": effect.where},
-                parameters=_estimates(effect, deviations),
+                parameters=_estimates(effect, deviations, best.fit.problem.simulator.model),
                 equation=effect.equation,
                 confidence=round(float(sum(w for keys, w in weights.items() if key in keys) / total), 4),
                 rivals=sorted({name if where == effect.where else f"{name} at {where}" for name, where in others}),
@@ -42,13 +52,27 @@ def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], searc
     return out
 
 
-def _estimates(effect: Effect, deviations: Iterator[float]) -> dict[str, Estimate]:
+def _estimates(effect: Effect, deviations: Iterator[float], model: mujoco.MjModel) -> dict[str, Estimate]:
     out = {}
     for knob in knobs([effect]):
         value, deviation = getattr(effect, knob.parameter.name), 1.645 * next(deviations)
         low, high = max(value - deviation, knob.parameter.low), min(value + deviation, knob.parameter.high)
-        out[knob.parameter.name] = Estimate(value, knob.parameter.unit, low, high)
+        unit = knob.parameter.unit
+        if _slides(effect, model) and knob.parameter.name != "w":  # an angular frequency in time
+            unit = ALONG.get(unit, unit)
+        out[knob.parameter.name] = Estimate(value, unit, low, high)
     return out
+
+
+def _slides(effect: Effect, model: mujoco.MjModel) -> bool:
+    """The effect acts on a joint that slides."""
+    if effect.kind == "joint":
+        joint = model.joint(effect.where).id
+    elif effect.kind == "actuator" and model.actuator(effect.where).trntype[0] == mujoco.mjtTrn.mjTRN_JOINT:
+        joint = int(model.actuator(effect.where).trnid[0])
+    else:
+        return False
+    return bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def nuisance_of(fit: Fit) -> dict[str, Estimate]:

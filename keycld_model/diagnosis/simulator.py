@@ -151,6 +151,8 @@ class Simulator:
         if any(variant.pulses for variant in variants):
             forces = forces + np.stack([self._pushes(variant, windows) for variant in variants])[which]
         start, control = np.concatenate([q, v], axis=-1), np.concatenate([commands, forces], axis=-1)
+        path = np.empty((*start.shape[:2], windows.steps + 1, start.shape[2]))
+        path[:, :, 0] = start
 
         def run(by: Rollouts, rows: NDArray[np.int64]) -> None:
             """Those that effects push step by step, the others at once."""
@@ -159,8 +161,6 @@ class Simulator:
                 if len(some):
                     path[some, :, 1:] = march(by, variants, models, which[some], windows, start[some], control[some])
 
-        path = np.empty((*start.shape[:2], windows.steps + 1, start.shape[2]))
-        path[:, :, 0] = start
         run(self._fast or self._mujoco, np.arange(len(which)))
         if self._fast and len(stopped := np.flatnonzero(self._beyond(path).any(axis=1))):
             run(self._mujoco, stopped)
