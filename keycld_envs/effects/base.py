@@ -250,6 +250,8 @@ class SensorEffect(Effect):
         return (cls(),)
 
 
+FREQUENCIES = tuple(2.0 + 0.75 * k for k in range(32))
+"""Angular frequencies, rad/s, close enough for phases over recordings of some seconds to tell one from the next."""
 LIGHTEST = 1e-4
 """Inertia of a rotor, kg m^2, below which it follows its joint."""
 

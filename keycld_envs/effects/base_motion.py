@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, Effect, parameter
+from keycld_envs.effects.base import FREQUENCIES, Array, Effect, parameter
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class BaseMotion(Effect):
 
     a: float = parameter("m/s^2", 0.1)
     b: float = parameter("m/s^2", 0.1)
-    w: float = parameter("rad/s", 0.05, low=0.5, grid=(2.0, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0))
+    w: float = parameter("rad/s", 0.05, low=0.5, grid=FREQUENCIES)
 
     @classmethod
     def candidates(cls, model: mujoco.MjModel) -> tuple["BaseMotion", ...]:

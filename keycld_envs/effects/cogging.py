@@ -7,6 +7,9 @@ import numpy as np
 
 from keycld_envs.effects.base import Array, JointEffect, parameter
 
+COUNTS = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 14.0, 16.0, 18.0, 20.0, 23.0, 26.0)
+"""Periods per turn, or per 2 pi m, that a search starts from."""
+
 
 @dataclass(frozen=True)
 class Cogging(JointEffect):
@@ -18,7 +21,7 @@ class Cogging(JointEffect):
 
     a: float = parameter("N m", 0.02)
     b: float = parameter("N m", 0.02)
-    n: float = parameter("1", 0.05, low=2.0, high=40.0, grid=(2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0))
+    n: float = parameter("1", 0.05, low=2.0, high=40.0, grid=COUNTS)
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """A ripple."""

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, parameter
+from keycld_envs.effects.base import FREQUENCIES, Array, JointEffect, parameter
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class ExternalPeriodic(JointEffect):
 
     a: float = parameter("N m", 0.02)
     b: float = parameter("N m", 0.02)
-    w: float = parameter("rad/s", 0.05, low=0.5, grid=(2.0, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0))
+    w: float = parameter("rad/s", 0.05, low=0.5, grid=FREQUENCIES)
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """A sinusoid."""
