@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 GENTLE = 0.03
 """Rad or m, root mean square over a window, that a probe may move a joint for its effect to count as linear."""
 PARTS = 16
-"""Of a window, over each of which a force is averaged."""
+"""Of a window at most, over each of which a force is averaged."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,9 @@ def columns(fit: Fit, free: Sequence[Hypothesis]) -> tuple[Linearisation, Array,
     out[..., simulated] = moved
     pushing = [c for c, (h, _, _) in enumerate(probes) if free[h].pushes]
     if pushing:
-        responses = fit.problem.responses(fit.point, range(fit.point.q.shape[1]), PARTS)
-        forces = _forces(fit, [probes[c][2] for c in pushing])
+        parts = min(PARTS, fit.problem.windows.steps)
+        responses = fit.problem.responses(fit.point, range(fit.point.q.shape[1]), parts)
+        forces = _forces(fit, [probes[c][2] for c in pushing], parts)
         out[..., pushing] = np.einsum("wrjb,cwbj->wrc", responses, forces, optimize=True)
     for c, (h, j, _) in enumerate(probes):
         out[..., c] /= free[h].coefficients[j].scale if free[h].coefficients else 1.0
@@ -105,7 +106,7 @@ def _simulated(
     return linear, np.moveaxis((linear.residual - residuals) / used[:, None, None], 0, -1)
 
 
-def _forces(fit: Fit, effects: Sequence[Effect]) -> Array:
+def _forces(fit: Fit, effects: Sequence[Effect], parts: int) -> Array:
     """What effects would exert along the fitted motion, averaged over parts of windows, `[C, W, B, nv]`."""
     windows, simulator, point = fit.problem.windows, fit.problem.simulator, fit.point
     model, h = simulator.compile(point.variant), simulator.step
@@ -114,8 +115,8 @@ def _forces(fit: Fit, effects: Sequence[Effect]) -> Array:
     middle_q = (q[:, 1:] + q[:, :-1]) / 2 - h / 8 * np.diff(v, axis=1)
     middle_v = 1.5 * np.diff(q, axis=1) / h - (v[:, 1:] + v[:, :-1]) / 4
     time = windows.start[:, None] + (np.arange(windows.steps) + 0.5) * h
-    edges = np.linspace(0, windows.steps, PARTS + 1).round().astype(int)
-    out = np.zeros((len(effects), len(windows), PARTS, point.q.shape[1]))
+    edges = np.linspace(0, windows.steps, parts + 1).round().astype(int)
+    out = np.zeros((len(effects), len(windows), parts, point.q.shape[1]))
     for row, effect in zip(out, effects, strict=True):
         if effect.memory:
             memory, force = effect.begin(model, v[:, 0]), np.empty_like(middle_v)

@@ -13,6 +13,15 @@ from keycld_model.diagnosis.windows import cut
 SMOOTH = {"constant_force", "spring", "external_periodic", "cogging", "base_motion", "parameter_drift"}
 
 
+def test_steps_may_be_longer_than_parts_of_a_window():
+    model = get_system("pendulum").compile()
+    windows = cut(recordings("pendulum", seed=3, number=2, seconds=1.0), 0.05, 30)
+    problem = Problem(Simulator(model, 0.05), windows, np.full(model.nv, 1e-3))
+    fit = problem.minimise(problem.start(), 2)
+    assert windows.steps < 16
+    assert np.isfinite(columns(fit, hypotheses(model))[1]).all()
+
+
 @pytest.mark.parametrize("system", ["pendulum", "acrobot"])
 def test_the_force_along_the_motion_tells_what_simulations_with_little_of_an_effect_do(system):
     model = get_system(system).compile()
