@@ -26,7 +26,7 @@ from keycld_model.diagnosis.noise import noise
 from keycld_model.diagnosis.prepare import SAMPLES, split, thin
 from keycld_model.diagnosis.pulses import concentrated, paid, pushed
 from keycld_model.diagnosis.report import FitErrors, Report, Verdict
-from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force
+from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force, lengthened
 from keycld_model.diagnosis.search import Scored, Search, misfit
 from keycld_model.diagnosis.simulator import Simulator
 from keycld_model.diagnosis.windows import cut
@@ -91,7 +91,8 @@ def diagnose(
         unexplained = unexplained_of(before, shown, model)
         advance(1, "looking for what has no name")
         rounds = ROUNDS if unexplained.significant else 2
-        smooth, alone = fit_residual_force(named, rounds), fit_residual_force(refitted, rounds)
+        alone = fit_residual_force(refitted, rounds)
+        smooth = fit_residual_force(named, rounds) if named.effects or named.point.variant.pulses else alone
         beside, without = (likelihood(trial.short(fit)) for fit in (smooth, alone))
         temper = min(search.temper, misfit(smooth), misfit(alone))
         extra, chosen, ceiling = (max(beside, without) - likelihood(shown)) / temper, named, None
@@ -99,6 +100,7 @@ def diagnose(
             chosen, verdict = smooth, "mismatch"
             if without > beside - UNKNOWN * temper:  # named effects stood for a part of it
                 chosen, findings, nats = alone, [], 0.0
+            chosen = lengthened(chosen, trial.lengthened(training))
             findings.append(unknown_of(chosen, extra / (extra + max(nats, 0.0))))
         elif unexplained.significant and verdict == "no_mismatch":
             verdict = "undetermined"
@@ -209,6 +211,12 @@ class _Trial:
         horizon = max(1, min(HORIZON, min(len(np.asarray(r.t_state)) for r in test) // SAMPLES))
         lengths = (SAMPLES, SAMPLES * horizon)
         return cls(*(Problem(simulator, cut(test, simulator.step, n), sigma) for n in lengths))
+
+    def lengthened(self, training: Sequence[Recording]) -> Problem:
+        """Training recordings in windows as long as the long rollouts."""
+        samples = min(self.rollouts.windows.time.shape[1], *(len(np.asarray(r.t_state)) for r in training))
+        problem = self.rollouts
+        return replace(problem, windows=cut(training, problem.simulator.step, samples))
 
     @property
     def seconds(self) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect, Parameter
-from keycld_model.diagnosis.simulator import Simulator, Variant
+from keycld_model.diagnosis.simulator import Simulator, Variant, usual_forces
 from keycld_model.diagnosis.windows import Windows
 
 Array = NDArray[np.float64]
@@ -216,8 +216,7 @@ class Problem:
             Change of whitened residuals per N m or N, `[W, r, J, B]`.
         """
         steps, nv = self.windows.steps, point.q.shape[1]
-        sizes = 0.2 * self.simulator.model.dof_M0[list(joints)]
-        edges = np.linspace(0, steps, bins + 1).round().astype(int)
+        sizes, edges = usual_forces(self.simulator.model)[list(joints)], self.windows.edges(bins)
         pushes = np.zeros((len(joints), bins, len(self.windows), steps, nv))
         for j, joint in enumerate(joints):
             for b in range(bins):

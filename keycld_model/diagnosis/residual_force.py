@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
 from keycld_model.diagnosis.fit import Fit, Point, Problem
+from keycld_model.diagnosis.held_out import replay
+from keycld_model.diagnosis.simulator import usual_forces
+from keycld_model.diagnosis.windows import Windows
 
 Array = NDArray[np.float64]
-BINS = 8
-"""Pieces of a window over which the missing force is taken as constant while weights are fitted."""
-OWN, COMMON = 24, 40
+PIECE = 5
+"""Samples over which the missing force is taken as constant while weights are fitted."""
+OWN, COMMON = 120, 40
 """Random features (Rahimi and Recht, 2007) of each joint's own state, and of all states and commands."""
 WIDTHS = (0.5, 1.0)
 """Inverse length scales that are tried, in standard deviations of the inputs."""
@@ -23,8 +26,12 @@ COUPLINGS = (1.0, 30.0, 1e6)
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 """Prior precisions of weights that are tried, in units of the forces' own."""
 ROUNDS = 8
-TOLERANCE = 2.0
+TOLERANCE = 0.5
 """Nats that a round must gain for another one."""
+CHOICES = 2
+"""Times that features and their prior are chosen."""
+SETTLE = 12
+"""Gauss-Newton steps of initial states of longer windows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,15 +90,22 @@ def _inputs(hinge: NDArray[np.bool_], q: Array, v: Array, u: Array) -> tuple[Arr
 
 @dataclass(frozen=True, eq=False)
 class ResidualForce(Effect):
-    """A missing force that no effect of the taxonomy explains, as a function of positions, velocities and commands."""
+    """A missing force that no effect of the taxonomy explains, as a function of positions, velocities and commands.
+
+    Attributes:
+        features: k of the state.
+        weights: `[k, nv]` N m or N.
+        precision: `[k]` of the weights' prior, in units of the usual force at each joint.
+    """
 
     id: ClassVar[str] = "unknown"
     family: ClassVar[str] = "unknown"
     kind: ClassVar[str] = "joint"  # pyright: ignore[reportIncompatibleVariableOverride]
     equation: ClassVar[str] = "tau = f(q, qd, u)"
 
-    features: Features | None = field(default=None, repr=False)
-    weights: Array | None = field(default=None, repr=False)
+    features: Features = field(repr=False)
+    weights: Array = field(repr=False)
+    precision: Array = field(repr=False)
 
     @classmethod
     def candidates(cls, model: mujoco.MjModel) -> tuple["ResidualForce", ...]:
@@ -100,125 +114,162 @@ class ResidualForce(Effect):
 
     def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
         """Weighted features."""
-        if self.features is None or self.weights is None:
-            return np.zeros_like(v)
         return self.features(q, v, u) @ self.weights
+
+    def penalty(self, scale: Array) -> float:
+        """Nats that the prior of the weights costs, in units of the usual force at each joint, `[nv]`."""
+        return 0.5 * float(np.sum(self.precision[:, None] * (self.weights / scale) ** 2))
 
 
 def fit_residual_force(fit: Fit, rounds: int = ROUNDS, seed: int = 0) -> Fit:
     """Add the force that explains most of what a fit leaves, nuisances refitted beside it.
 
-    Of several widths and priors those are taken that predict best every third recording from the others.
+    Of several widths and priors the most probable are taken; again near the end, where rollouts are nearly linear in
+    the force.
     """
-    model = fit.problem.simulator.model
+    model, paths = fit.problem.simulator.model, _paths(fit)
     hinge = np.array([model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in range(model.njnt)])
-    paths = _paths(fit.problem, fit.point)
     drawn = [Features.draw(hinge, *paths, width, seed) for width in WIDTHS]
-    normal = _Normal.at(fit, paths)
-    old = np.zeros((drawn[0](*paths).shape[-1], model.nv))
+    none = np.zeros((drawn[0](*paths).shape[-1], model.nv))
     priors = [(ridge, coupling) for ridge in RIDGES for coupling in COUPLINGS]
-    features = min(drawn, key=lambda f: normal.validate(f, [f.precision(*p) for p in priors], old).min())
-    precisions = [features.precision(*p) for p in priors]
-    best, weights = fit, old
-    for _ in range(rounds):
-        prior = precisions[int(normal.validate(features, precisions, weights).argmin())]
-        change, values = normal.solve(features, prior, weights)
-        for fraction in (1.0, 0.5, 0.2):
-            tried = weights + fraction * change
-            where = model.joint(int(np.argmax(np.std(features(*paths) @ tried, axis=(0, 1))))).name
-            point = best.point.with_effects(*fit.effects, ResidualForce(where, features, tried))
-            variant = replace(point.variant, values=point.variant.values + fraction * values)
-            new = fit.problem.minimise(replace(point, variant=variant), 3, only_states=True)
-            if new.cost < best.cost - TOLERANCE:
-                break
-        else:
+    choices = [ResidualForce("", f, none, f.precision(*prior)) for f in drawn for prior in priors]
+    best = fit
+    for _ in range(CHOICES):
+        normal = _Normal.at(best)
+        force = choices[int(normal.evidence(choices).argmax())]
+        weights, values = normal.solve(force)
+        new = _descend(_moved(best, fit.effects, replace(force, weights=weights), values), rounds)
+        if new.cost > best.cost - TOLERANCE:
             break
-        best, weights = new, tried
-        normal = _Normal.at(best, _paths(best.problem, best.point))
+        best = new
     return best
 
 
-def _paths(problem: Problem, point: Point) -> tuple[Array, Array, Array]:
-    """Positions, velocities and commands in the middle of the bins, `[W, B, ...]`."""
+def lengthened(fit: Fit, problem: Problem, rounds: int = ROUNDS) -> Fit:
+    """A fit with a residual force, fitted on to longer windows of the same recordings, in which errors pile up."""
+    return replay(fit.problem, _descend(replay(problem, fit, SETTLE), rounds))
+
+
+def _force_of(fit: Fit) -> ResidualForce | None:
+    """The residual force, which is the last of a fit's effects."""
+    last = fit.effects[-1] if fit.effects else None
+    return last if isinstance(last, ResidualForce) else None
+
+
+def _moved(fit: Fit, named: Sequence[Effect], force: ResidualForce, values: Array) -> Fit:
+    """A fit with another force and nuisances, and states fitted to them."""
+    where = int(np.argmax(np.std(force.features(*_paths(fit)) @ force.weights, axis=(0, 1))))
+    force = replace(force, where=fit.problem.simulator.model.joint(where).name)
+    point = fit.point.with_effects(*named, force)
+    return fit.problem.minimise(replace(point, variant=replace(point.variant, values=values)), 3, only_states=True)
+
+
+def _descend(fit: Fit, rounds: int) -> Fit:
+    """Gauss-Newton on the weights of a fit's residual force; the prior stays as it is."""
+    scale = usual_forces(fit.problem.simulator.model)
+    for _ in range(rounds):
+        force, old = _force_of(fit), fit.point.variant.values
+        if force is None:
+            break
+        weights, values = _Normal.at(fit).solve(force)
+        for fraction in (1.0, 0.5, 0.2, 0.1):
+            tried = replace(force, weights=force.weights + fraction * (weights - force.weights))
+            new = _moved(fit, fit.effects[:-1], tried, old + fraction * (values - old))
+            if new.cost + tried.penalty(scale) < fit.cost + force.penalty(scale) - TOLERANCE:
+                break
+        else:
+            break
+        fit = new
+    return fit
+
+
+def _parts(windows: Windows) -> int:
+    """Pieces over which the missing force is taken as constant while weights are fitted."""
+    return max(1, windows.time.shape[1] // PIECE)
+
+
+def _paths(fit: Fit) -> tuple[Array, Array, Array]:
+    """Positions, velocities and commands in the middle of the pieces, `[W, B, ...]`."""
+    problem, point = fit.problem, fit.point
     q, v, u = problem.simulator.roll([point.variant], np.zeros(1, int), problem.windows, point.q[None], point.v[None])
-    middle = ((np.arange(BINS) + 0.5) * problem.windows.steps / BINS).astype(int)
+    edges = problem.windows.edges(_parts(problem.windows))
+    middle = (edges[1:] + edges[:-1]) // 2
     return q[0][:, middle], v[0][:, middle], u[0][:, middle]
 
 
 @dataclass(frozen=True)
 class _Normal:
-    """Normal equations of nuisances and of forces `[B * nv]` per bin and joint, per window, states eliminated.
+    """Normal equations of nuisances and of forces `[B * nv]` per piece and joint, per window, states eliminated.
 
     Attributes:
         matrices: `[W, n + B * nv, n + B * nv]`.
         vectors: `[W, n + B * nv]`.
         prior: `[n]` precisions of nuisances.
-        values: `[n]` of nuisances.
         paths: see `_paths`.
-        recording: `[W]`.
         scale: `[nv]` usual force at each joint, N m or N.
     """
 
     matrices: Array
     vectors: Array
     prior: Array
-    values: Array
     paths: tuple[Array, Array, Array]
-    recording: NDArray[np.int64]
     scale: Array
 
     @classmethod
-    def at(cls, fit: Fit, paths: tuple[Array, Array, Array]) -> "_Normal":
-        problem, point = fit.problem, fit.point
+    def at(cls, fit: Fit) -> "_Normal":
+        problem, point, paths = fit.problem, fit.point, _paths(fit)
         linear, _ = problem.linearise(point)
         n, nv = len(problem.spreads), point.q.shape[1]
-        columns = np.swapaxes(problem.responses(point, range(nv), BINS), 2, 3).reshape(*linear.residual.shape, -1)
+        responses = problem.responses(point, range(nv), _parts(problem.windows))
+        columns = np.swapaxes(responses, 2, 3).reshape(*linear.residual.shape, -1)
         whole = replace(linear, shared=np.concatenate([linear.shared[..., :n], columns], axis=-1))
         whole = whole.weighted(whole.outlier_weights())
         reduced, residual = whole.project(whole.shared), whole.project(whole.residual[..., None])[..., 0]
+        matrices, force = np.einsum("wri,wrj->wij", reduced, reduced), _force_of(fit)
+        here = np.zeros(matrices.shape[:2])
+        here[:, :n] = point.variant.values
+        if force is not None:
+            here[:, n:] = (force.features(*paths) @ force.weights).reshape(len(here), -1)
         return cls(
-            np.einsum("wri,wrj->wij", reduced, reduced),
-            np.einsum("wri,wr->wi", reduced, residual),
+            matrices,
+            np.einsum("wri,wr->wi", reduced, residual) + np.einsum("wij,wj->wi", matrices, here),
             problem.spreads**-2,
-            point.variant.values,
             paths,
-            problem.windows.recording,
-            0.2 * problem.simulator.model.dof_M0,
+            usual_forces(problem.simulator.model),
         )
 
-    def solve(self, features: Features, prior: Array, weights: Array) -> tuple[Array, Array]:
-        """Changes of weights `[k, nv]` and of nuisances `[n]`."""
-        return self._solve(*self._features(features, np.ones(len(self.vectors), dtype=bool)), prior, weights)
+    def solve(self, force: ResidualForce) -> tuple[Array, Array]:
+        """Weights `[k, nv]` and nuisances `[n]`."""
+        matrix, vector = self._equations(force.features)
+        solution = np.linalg.solve(matrix + np.diag(self._prior(force)), vector)
+        return solution[len(self.prior) :].reshape(-1, len(self.scale)), solution[: len(self.prior)]
 
-    def validate(self, features: Features, priors: Sequence[Array], weights: Array) -> Array:
-        """Costs on every third recording after changes of weights from the others, one per prior."""
-        test = self.recording % 3 == 2
-        if test.all() or not test.any():
-            test = np.arange(len(self.recording)) % 3 == 2
-        train, (matrix, vector) = self._features(features, ~test), self._features(features, test)
-        out = []
-        for prior in priors:
-            change, values = self._solve(*train, prior, weights)
-            x = np.concatenate([values, change.ravel()])
-            out.append(0.5 * float(x @ matrix @ x) - float(vector @ x))
-        return np.array(out)
+    def evidence(self, forces: Sequence[ResidualForce]) -> Array:
+        """Logarithm of the marginal likelihood of each force's features and prior, nats up to a constant.
 
-    def _solve(self, matrix: Array, vector: Array, prior: Array, weights: Array) -> tuple[Array, Array]:
+        MacKay, Bayesian interpolation (1992).
+        """
+        drawn = {id(force.features): force.features for force in forces}
+        equations = {key: self._equations(features) for key, features in drawn.items()}
+        return np.array([self._evidence(*equations[id(force.features)], force) for force in forces])
+
+    def _evidence(self, matrix: Array, vector: Array, force: ResidualForce) -> float:
+        prior = self._prior(force)
+        low = np.linalg.cholesky(matrix + np.diag(prior))
+        explained = np.linalg.solve(low, vector)
+        return 0.5 * float(explained @ explained + np.log(prior).sum()) - float(np.log(np.diag(low)).sum())
+
+    def _prior(self, force: ResidualForce) -> Array:
+        """Precisions of nuisances, then of weights."""
+        return np.concatenate([self.prior, np.outer(force.precision, self.scale**-2).ravel()])
+
+    def _equations(self, features: Features) -> tuple[Array, Array]:
+        """Normal equations of nuisances and weights, without their prior."""
         n, nv = len(self.prior), len(self.scale)
-        precision = np.outer(prior, self.scale**-2).ravel()
-        vector = vector.copy()
-        vector[:n] -= self.prior * self.values
-        vector[n:] -= precision * weights.ravel()
-        regular = matrix + np.diag(np.concatenate([self.prior, precision]))
-        solution = np.linalg.solve(regular, vector).astype(np.float64)
-        return solution[n:].reshape(-1, nv), solution[:n]
-
-    def _features(self, features: Features, used: NDArray[np.bool_]) -> tuple[Array, Array]:
-        n, nv = len(self.prior), len(self.scale)
-        phi = features(*(path[used] for path in self.paths))  # [W, B, k]
-        w, _, k = phi.shape
-        spread = np.einsum("wbk,ij->wbikj", phi, np.eye(nv)).reshape(w, BINS * nv, k * nv)
-        m, y = self.matrices[used], self.vectors[used]
+        phi = features(*self.paths)  # [W, B, k]
+        w, parts, k = phi.shape
+        spread = np.einsum("wbk,ij->wbikj", phi, np.eye(nv)).reshape(w, parts * nv, k * nv)
+        m, y = self.matrices, self.vectors
         cross = np.einsum("wib,wbk->ik", m[:, :n, n:], spread)
         half = m[:, n:, n:] @ spread
         own = np.tensordot(spread, half, axes=([0, 1], [0, 1]))

@@ -253,6 +253,11 @@ class Simulator:
         return out
 
 
+def usual_forces(model: mujoco.MjModel) -> Array:
+    """Small but noticeable forces on the joints, N m or N, `[nv]`."""
+    return 0.2 * model.dof_M0
+
+
 def _hermite(q: Array, v: Array, time: Array, step: float) -> Array:
     """Positions at times `[W, n]` between steps, from positions and velocities `[W, S+1, nv]`."""
     k = np.clip((time / step).astype(int), 0, q.shape[1] - 2)

@@ -43,6 +43,10 @@ class Windows:
         """`[W]` time of the last step, s."""
         return self.start + self.steps * self.step
 
+    def edges(self, parts: int) -> NDArray[np.int64]:
+        """Steps `[parts + 1]` between equal parts of a window."""
+        return np.linspace(0, self.steps, parts + 1).round().astype(int)
+
     def take(self, index: NDArray[np.int64]) -> "Windows":
         """Some of the windows."""
         per_window = ("recording", "first", "start", "time", "measured")

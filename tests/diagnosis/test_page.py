@@ -23,7 +23,7 @@ from keycld_model.diagnosis.page.labels import Mark
 from keycld_model.diagnosis.page.mathml import mathml
 from keycld_model.diagnosis.page.page import html_page
 from keycld_model.diagnosis.report import Estimate, Finding, Unexplained
-from keycld_model.diagnosis.residual_force import ResidualForce
+from keycld_model.diagnosis.residual_force import Features, ResidualForce
 from keycld_model.diagnosis.words import call, measured
 
 LIMIT = 8_000_000
@@ -150,11 +150,14 @@ def test_every_kind_of_finding_has_its_place(report):
 
 
 def test_a_fitted_function_is_not_spelled_out(report):
-    force = ResidualForce("hinge", weights=np.ones((3, 1)))
+    state = np.zeros((4, 1)), np.zeros((4, 1)), np.zeros((4, 1))
+    features = Features.draw(np.array([True]), *state, width=1.0, seed=0)
+    number = features(*state).shape[-1]
+    force = ResidualForce("hinge", features, np.ones((number, 1)), np.ones(number))
     evidence = replace(report.evidence, effects=(*report.evidence.effects, force))
     text = Loads(html_page(replace(report, evidence=evidence), "KeyCLD/Pendulum-v0", "corrected.xml")).text
     assert "a fitted function" in text and "ResidualForce" not in text
-    assert call(force) == 'ResidualForce("hinge", features=..., weights=...)'
+    assert call(force) == 'ResidualForce("hinge", features=..., weights=..., precision=...)'
 
 
 def test_nothing_missing_is_said_so(report):
