@@ -13,19 +13,19 @@ from rich.table import Table
 
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.mechanism import Mechanism
-from keycld_model.diagnosis.rollouts import CompiledRollouts, MujocoRollouts, Rollouts
+from keycld_model.diagnosis.rollouts import MujocoRollouts, Rollouts
 
 ROLLOUTS, STEPS = 1024, 40
 
 
 def seconds(by: Rollouts, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray, repeats: int) -> list[float]:
     """Of rollouts of all states, after one that does not count."""
-    batch, whole = by.batch([model], np.zeros(len(state), int), control.shape[1]), np.zeros((len(state), by.size))
+    batch, whole = by.batch([model], [()], np.zeros(len(state), int), control.shape[1]), np.zeros((len(state), by.size))
     whole[:, by.motion] = state
     out = []
     for _ in range(repeats + 1):
         start = time.perf_counter()
-        by.run(batch, whole, control)
+        by.run(batch, whole, control, np.zeros(len(state)))
         out.append(time.perf_counter() - start)
     return out[1:]
 
@@ -46,7 +46,7 @@ def main(repeats: int = 7, seed: int = 0) -> None:
         assert mechanism is not None
         state = rng.normal(0, 0.5, (ROLLOUTS, 2 * model.nv))
         control = rng.normal(0, 1, (ROLLOUTS, STEPS, model.nu + model.nv))
-        engines: list[Rollouts] = [MujocoRollouts(model, 1), MujocoRollouts(model, 2), CompiledRollouts(mechanism)]
+        engines: list[Rollouts] = [MujocoRollouts(model, 1), MujocoRollouts(model, 2), mechanism]
         micro = [1e6 * np.median(seconds(e, model, state, control, repeats)) / ROLLOUTS / STEPS for e in engines]
         table.add_row(name, *(f"{m:.2f}" for m in micro), f"{micro[1] / micro[2]:.1f}")
     Console().print(table)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
-import numpy as np
 
 from keycld_envs.effects.base import Array, JointEffect, add_friction, parameter, smooth_sign
 
@@ -26,4 +25,4 @@ class AsymmetricFriction(JointEffect):
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """Half the difference, while the joint moves."""
-        return -(self.forward - self.backward) / 2 * np.abs(smooth_sign(v))
+        return -(self.forward - self.backward) / 2 * abs(smooth_sign(v))

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from keycld_envs.effects.base import Array, TransmissionEffect, parameter
+from keycld_envs.effects.base import Array, TransmissionEffect, functions, parameter
 
 CONTACT, DAMPING = 250.0, 0.3
 """Angular frequency (rad/s) and damping ratio of the rotor in contact."""
@@ -28,6 +26,6 @@ class Backlash(TransmissionEffect):
 
     def coupling(self, twist: Array, slip: Array) -> Array:
         """Zero inside the gap, a stiff spring with damping at its flanks."""
-        pressed = twist - np.clip(twist, -self.g, self.g)
+        pressed = twist - functions(twist).clip(twist, -self.g, self.g)
         stiffness = self.j * CONTACT**2
-        return np.where(pressed == 0, 0.0, stiffness * pressed + 2 * DAMPING * self.j * CONTACT * slip)
+        return functions(twist).where(pressed == 0, 0.0, stiffness * pressed + 2 * DAMPING * self.j * CONTACT * slip)

@@ -55,7 +55,8 @@ class Effect(ABC):
 
     Subclasses override at least one of `edit`, `command`, `force`, and `observe`, or, with a memory, `begin` and
     `advance`. All are functions of arrays of any leading shape, without memory beyond their arguments, so that an
-    environment, a batch of rollouts and a diagnosis use the same code.
+    environment, a batch of rollouts and a diagnosis use the same code; what is a function of `functions(array)` can be
+    compiled, too.
 
     Attributes:
         where: name of the joint, actuator or body.
@@ -193,10 +194,11 @@ class TransmissionEffect(ActuatorEffect):
 
     def begin(self, model: mujoco.MjModel, v: Array) -> Array:
         """The rotor goes with its joint."""
-        speed = v[..., self._dof(model)]
+        speed = v[..., self.dof(model)]
         return np.stack([np.zeros_like(speed), speed], axis=-1)
 
-    def _dof(self, model: mujoco.MjModel) -> int:
+    def dof(self, model: mujoco.MjModel) -> int:
+        """Index of its joint among the velocities."""
         return int(model.jnt_dofadr[model.actuator(self.where).trnid[0]])
 
     @abstractmethod
@@ -207,20 +209,24 @@ class TransmissionEffect(ActuatorEffect):
         self, model: mujoco.MjModel, memory: Array, t: Array, q: Array, v: Array, u: Array, h: float
     ) -> tuple[Array, Array]:
         """What reaches the joint in place of the motor's torque; the joint's speed is constant over the step."""
-        if self.rotor < LIGHTEST:
-            return np.zeros_like(v), memory
-        i, dof = int(model.actuator(self.where).id), self._dof(model)
+        i, dof, out = int(model.actuator(self.where).id), self.dof(model), np.zeros_like(v)
         motor = model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0] * u[..., i]
-        twist, speed, dt = memory[..., 0], memory[..., 1], h / self.substeps
-        total = np.zeros_like(motor)
-        for _ in range(self.substeps):
-            torque = self.coupling(twist, speed - v[..., dof])
-            total += torque
-            speed = speed + dt * (motor - torque) / self.rotor
-            twist = twist + dt * (speed - v[..., dof])
-        out = np.zeros_like(v)
-        out[..., dof] = total / self.substeps - motor
+        out[..., dof], (twist, speed) = self.transmit((memory[..., 0], memory[..., 1]), motor, v[..., dof], h)
         return out, np.stack([twist, speed], axis=-1)
+
+    def transmit(self, memory: tuple[Array, Array], motor: Array, speed: Array, h: float) -> tuple[Array, Any]:
+        """What reaches the joint less the motor's torque, and the memory; all `[...]`."""
+        xp, (twist, turning), dt = functions(speed), memory, h / self.substeps
+        heavy = xp.asarray(self.rotor >= LIGHTEST)
+        rotor = xp.where(heavy, self.rotor, 1.0)
+        total = xp.zeros_like(motor)
+        for _ in range(self.substeps):
+            torque = self.coupling(twist, turning - speed)
+            total = total + torque
+            turning = turning + dt * (motor - torque) / rotor
+            twist = twist + dt * (turning - speed)
+        force = xp.where(heavy, total / self.substeps - motor, 0.0)
+        return force, (xp.where(heavy, twist, memory[0]), xp.where(heavy, turning, memory[1]))
 
 
 @dataclass(frozen=True)
@@ -256,9 +262,14 @@ LIGHTEST = 1e-4
 """Inertia of a rotor, kg m^2, below which it follows its joint."""
 
 
+def functions(x: Any) -> Any:
+    """Module with the functions for an array: NumPy's, or those of a compiler that an effect is traced by."""
+    return x.__array_namespace__()
+
+
 def smooth_sign(speed: Array) -> Array:
     """Sign of a speed (rad/s or m/s), continuous through zero."""
-    return np.tanh(speed / 0.02)
+    return functions(speed).tanh(speed / 0.02)
 
 
 def add_friction(model: mujoco.MjModel, dof: int, loss: float) -> None:

@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import FREQUENCIES, Array, Effect, parameter
+from keycld_envs.effects.base import FREQUENCIES, Array, Effect, functions, parameter
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,17 @@ class BaseMotion(Effect):
 
     def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
         """Inertia of all masses, as gravity would pull on them."""
-        acceleration = self.a * np.sin(self.w * t) + self.b * np.cos(self.w * t)
-        axis = {"x": 0, "z": 2}[self.where]
-        return -acceleration[..., None] * weight(model, axis, q)
+        return -self.acceleration(t)[..., None] * weight(model, self.axis, q)
+
+    @property
+    def axis(self) -> int:
+        """Of the world, along which the base moves."""
+        return {"x": 0, "z": 2}[self.where]
+
+    def acceleration(self, t: Array) -> Array:
+        """Of the base, m/s^2, at times."""
+        xp = functions(t)
+        return self.a * xp.sin(self.w * t) + self.b * xp.cos(self.w * t)
 
 
 def weight(model: mujoco.MjModel, axis: int, q: Array) -> Array:

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from keycld_envs.effects.base import Array, JointEffect, parameter
+from keycld_envs.effects.base import Array, JointEffect, functions, parameter
 
 COUNTS = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 14.0, 16.0, 18.0, 20.0, 23.0, 26.0)
 """Periods per turn, or per 2 pi m, that a search starts from."""
@@ -25,4 +23,5 @@ class Cogging(JointEffect):
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """A ripple."""
-        return self.a * np.sin(self.n * q) + self.b * np.cos(self.n * q)
+        xp = functions(q)
+        return self.a * xp.sin(self.n * q) + self.b * xp.cos(self.n * q)

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from keycld_envs.effects.base import Array, JointEffect, parameter
+from keycld_envs.effects.base import Array, JointEffect, functions, parameter
 
 
 @dataclass(frozen=True)
@@ -20,4 +18,4 @@ class ConstantForce(JointEffect):
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """The same always."""
-        return np.full_like(v, self.f)
+        return functions(v).full_like(v, self.f)

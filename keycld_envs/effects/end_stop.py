@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from keycld_envs.effects.base import Array, JointEffect, parameter
+from keycld_envs.effects.base import Array, JointEffect, functions, parameter
 
 
 @dataclass(frozen=True)
@@ -22,4 +20,4 @@ class EndStop(JointEffect):
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """A spring while pressed."""
-        return -self.k * np.maximum(0.0, self.side * (q - self.at)) * self.side
+        return -self.k * functions(q).maximum(0.0, self.side * (q - self.at)) * self.side

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from keycld_envs.effects.base import FREQUENCIES, Array, JointEffect, parameter
+from keycld_envs.effects.base import FREQUENCIES, Array, JointEffect, functions, parameter
 
 
 @dataclass(frozen=True)
@@ -22,4 +20,5 @@ class ExternalPeriodic(JointEffect):
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """A sinusoid."""
-        return self.a * np.sin(self.w * t) + self.b * np.cos(self.w * t)
+        xp = functions(t)
+        return self.a * xp.sin(self.w * t) + self.b * xp.cos(self.w * t)

@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, parameter
+from keycld_envs.effects.base import Array, JointEffect, functions, parameter
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,15 @@ class HystereticFriction(JointEffect):
     ) -> tuple[Array, Array]:
         """Exact for constant speed."""
         dof, out = self.dof(model), np.zeros_like(v)
-        if self.c <= 0:
-            return out, memory
-        speed = v[..., dof]
-        steady = self.c / self.s * np.sign(speed)
-        decay = np.maximum(self.s * np.abs(speed) * h / self.c, 1e-9)
-        z = steady + (memory[..., 0] - steady) * np.exp(-decay)
-        out[..., dof] = -self.s * (steady + (memory[..., 0] - steady) * -np.expm1(-decay) / decay)
-        return out, z[..., None]
+        out[..., dof], bent = self.rub(memory[..., 0], v[..., dof], h)
+        return out, bent[..., None]
+
+    def rub(self, bent: Array, speed: Array, h: float) -> tuple[Array, Array]:
+        """Mean torque and deflection after a step at constant speed, exact; all `[...]`."""
+        xp = functions(speed)
+        there = xp.asarray(self.c > 0)
+        c = xp.where(there, self.c, 1.0)
+        steady = c / self.s * xp.sign(speed)
+        decay = xp.maximum(self.s * abs(speed) * h / c, 1e-9)
+        torque = -self.s * (steady + (bent - steady) * -xp.expm1(-decay) / decay)
+        return xp.where(there, torque, 0.0), xp.where(there, steady + (bent - steady) * xp.exp(-decay), bent)

@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, Effect, parameter
+from keycld_envs.effects.base import Array, Effect, functions, parameter
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,10 @@ class ParameterDrift(Effect):
         """Every body that moves in joints of its own."""
         return tuple(cls(model.body(b).name) for b in range(1, model.nbody) if model.body_dofnum[b])
 
+    def factor(self, t: Array) -> Array:
+        """Of the mass, at times."""
+        return functions(t).maximum(0.05, 1 + self.r * t)
+
     def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
         """What gives the model the acceleration that it would have with the other mass."""
         if self.r == 0:
@@ -36,7 +40,7 @@ class ParameterDrift(Effect):
         times = np.broadcast_to(t, v.shape[:-1]).ravel()
         for row, time, position, velocity, command in zip(out, times, *flat, strict=True):
             data.qpos[:], data.qvel[:], data.ctrl[:] = position, velocity, command
-            factor = max(0.05, 1 + self.r * float(time))
+            factor = self.factor(np.asarray(time))
             model.body_mass[body], model.body_inertia[body] = factor * mass, factor * inertia
             mujoco.mj_forward(model, data)
             acceleration = data.qacc.copy()

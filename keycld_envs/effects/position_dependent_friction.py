@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
-import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, add_friction, parameter, smooth_sign
+from keycld_envs.effects.base import Array, JointEffect, add_friction, functions, parameter, smooth_sign
 
 
 @dataclass(frozen=True)
@@ -27,4 +26,5 @@ class PositionDependentFriction(JointEffect):
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """The part that varies."""
-        return -(self.a * np.sin(q) + self.b * np.cos(q)) * smooth_sign(v)
+        xp = functions(q)
+        return -(self.a * xp.sin(q) + self.b * xp.cos(q)) * smooth_sign(v)

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
-import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, add_friction, parameter, smooth_sign
+from keycld_envs.effects.base import Array, JointEffect, add_friction, functions, parameter, smooth_sign
 
 
 @dataclass(frozen=True)
@@ -32,4 +31,4 @@ class StribeckFriction(JointEffect):
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """The part that fades with speed."""
-        return -self.extra * np.exp(-((v / self.vs) ** 2)) * smooth_sign(v)
+        return -self.extra * functions(v).exp(-((v / self.vs) ** 2)) * smooth_sign(v)

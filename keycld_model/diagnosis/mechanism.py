@@ -8,7 +8,7 @@ that what is zero by construction costs nothing.
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,9 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from keycld_envs.effects import Effect
+from keycld_model.diagnosis.acting import Acting, Slots
 
 Array = NDArray[np.float64]
 Vector = tuple[Any, Any, Any]
@@ -93,6 +96,15 @@ class Mechanism:
         runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         return cls(tuple(bodies), joints, motors, float(model.opt.timestep), bool(runge_kutta))
 
+    @property
+    def length(self) -> int:
+        """How many numbers variants may change, K."""
+        return len(self.bodies) * BODY + len(self.joints) * JOINT + len(self.motors) * MOTOR + 3
+
+    def bearing(self, joint: int) -> int:
+        """The body that a joint moves."""
+        return next(b for b, body in enumerate(self.bodies) if joint in body.joints)
+
     def numbers(self, model: mujoco.MjModel) -> Array:
         """What variants may change, `[K]`."""
         flags = int(model.opt.disableflags)
@@ -121,31 +133,57 @@ class Mechanism:
             [np.concatenate(bodies, axis=1).ravel(), np.concatenate(joints).T.ravel(), motors.ravel(), gravity]
         )
 
-    def batch(self, numbers: Array, steps: int) -> list[Any]:
-        """N rollouts of so many steps with these numbers, `[N, K]`, in chunks."""
+    @property
+    def size(self) -> int:
+        """Numbers of a state."""
+        return 2 * len(self.joints)
+
+    @property
+    def motion(self) -> slice:
+        """Where positions and velocities are in it."""
+        return slice(0, self.size)
+
+    def batch(
+        self,
+        models: Sequence[mujoco.MjModel],
+        effects: Sequence[Sequence[Effect]],
+        of: NDArray[np.int64],
+        steps: int,
+    ) -> "Batch":
+        """See `Rollouts`."""
+        slots = Slots.of(models[0], {effect for some in effects for effect in some})
+        rows = [
+            np.concatenate([self.numbers(model), slots.numbers(some)])
+            for model, some in zip(models, effects, strict=True)
+        ]
+        numbers = np.stack(rows)[of]
         with jax.enable_x64(True):
-            return [jnp.asarray(numbers[piece].T) for piece in _chunks(len(numbers), steps)]
+            return Batch(slots, [jnp.asarray(numbers[piece].T) for piece in _chunks(len(numbers), steps)])
 
-    def run(self, batch: list[Any], state: Array, control: Array) -> Array:
-        """States after every step.
-
-        Args:
-            batch: N rollouts of S steps.
-            state: `[N, 2 nv]` positions and velocities at first.
-            control: `[N, S, nu + nv]` commands and forces from outside, held over each step.
-
-        Returns:
-            `[N, S, 2 nv]`; not finite where a rollout diverges.
-        """
-        (n, steps, _), roll = control.shape, _compiled(self)
+    def run(self, batch: "Batch", state: Array, control: Array, time: Array) -> Array:
+        """See `Rollouts`."""
+        (n, steps, _), roll = control.shape, self._programs(batch.slots)
         out, at = np.empty((n, steps, state.shape[1])), 0
         with jax.enable_x64(True):
-            for numbers, piece in zip(batch, _chunks(n, steps), strict=True):
-                path = np.asarray(roll(numbers, state[piece].T, np.moveaxis(control[piece], 0, -1)))
+            for numbers, piece in zip(batch.numbers, _chunks(n, steps), strict=True):
+                path = np.asarray(roll(numbers, state[piece].T, np.moveaxis(control[piece], 0, -1), time[piece]))
                 used = min(len(piece), n - at)
                 out[at : at + used] = np.moveaxis(path, -1, 0)[:used]
                 at += used
         return out
+
+    @functools.cached_property
+    def _programs(self) -> Callable[[Slots], Any]:
+        """By their slots."""
+        return _programs(self)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Rollouts, in chunks of one size: their numbers `[K, N]`, of the mechanism and of effects."""
+
+    slots: Slots
+    numbers: list[Any]
 
 
 def _chunks(number: int, steps: int) -> list[NDArray[np.int64]]:
@@ -215,19 +253,75 @@ def _matrix(quaternion: Array) -> tuple[Vector, Vector, Vector]:
 
 
 @functools.lru_cache(maxsize=64)
-def _compiled(mechanism: Mechanism) -> Any:
-    """Rollouts: numbers `[K, N]`, states `[2 nv, N]`, control `[S, nu + nv, N]`; `[S, 2 nv, N]`."""
-    step = _runge_kutta if mechanism.runge_kutta else _euler
+def _programs(mechanism: Mechanism) -> Callable[[Slots], Any]:
+    """Programs of equal mechanisms: `[S, 2 nv, N]` for numbers, states, control and times of the start."""
+    return functools.cache(functools.partial(_program, mechanism))
 
-    def roll(numbers: Any, state: Any, control: Any) -> Any:
-        def advance(motion: Any, u: Any) -> Any:
-            motion = step(mechanism, numbers, motion, u)
-            return motion, jnp.concatenate(motion)
+
+def _program(mechanism: Mechanism, slots: Slots) -> Any:
+    """For numbers `[K, N]`, states `[2 nv, N]`, control `[S, nu + nv, N]` and times `[N]`."""
+    step, h = _runge_kutta if mechanism.runge_kutta else _euler, mechanism.step
+    nu = len(mechanism.motors)
+
+    def roll(numbers: Any, state: Any, control: Any, time: Any) -> Any:
+        own = numbers[: mechanism.length]
+        acting = slots.acting(numbers[mechanism.length :])
+
+        def advance(carry: Any, u: Any) -> Any:
+            q, v, before, memories, t = carry
+            here, middle = own, t + h / 2
+            if slots.slots:
+                gain = (v - before) / h
+                half_q, half_v = q + 0.5 * h * v + 0.125 * h**2 * gain, v + 0.5 * h * gain
+                here = _surrounded(mechanism, own, acting, middle)
+                motor, load = _motors(mechanism, here, u), _loads(mechanism, own, half_q, half_v, u)
+                force, memories = acting.forces(memories, middle, half_q, half_v, motor, load, h)
+                u = jnp.concatenate([u[:nu], u[nu:] + force])
+            motion = step(mechanism, here, (q, v), u)
+            return (*motion, v, memories, t + h), jnp.concatenate(motion)
 
         q, v = jnp.split(state, 2)
-        return jax.lax.scan(advance, (q, v), control)[1]
+        return jax.lax.scan(advance, (q, v, v, acting.begin(v), time), control)[1]
 
     return jax.jit(roll)
+
+
+def _surrounded(mechanism: Mechanism, numbers: Any, acting: Acting, t: Any) -> Any:
+    """Numbers of the mechanism at a time."""
+    end, n = len(mechanism.bodies) * BODY, numbers.shape[1]
+    bodies, gravity = acting.surroundings(numbers[:end].reshape(-1, BODY, n), numbers[-3:], t)
+    return jnp.concatenate([bodies.reshape(end, n), numbers[end:-3], jnp.stack(gravity)])
+
+
+def _motors(mechanism: Mechanism, numbers: Any, u: Any) -> Callable[[int], Any]:
+    """Torques of actuators that do nothing but multiply."""
+    start = len(mechanism.bodies) * BODY + len(mechanism.joints) * JOINT
+    return lambda i: numbers[start + i * MOTOR] * numbers[start + i * MOTOR + 1] * u[i]
+
+
+def _loads(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any) -> Callable[[int], Any]:
+    """Forces in the bearings of joints, of a slide across its rail, without forces from outside."""
+
+    def load(j: int) -> Any:
+        nu, nv, n = len(mechanism.motors), len(mechanism.joints), numbers.shape[1]
+        alone = jnp.concatenate([u[:nu], jnp.zeros((nv, n))])
+        acceleration = _acceleration(mechanism, numbers, q, v, alone, implicit=False)
+        bodies = numbers[: len(mechanism.bodies) * BODY].reshape(-1, BODY, n)
+        _, _, moving = _mass_and_bias(mechanism, bodies, tuple(numbers[-3:]), q, v)
+        beyond, force = {mechanism.bearing(j)}, (0.0, 0.0, 0.0)
+        for b, body in enumerate(mechanism.bodies):
+            if b in beyond or body.parent in beyond:
+                beyond.add(b)
+                push, columns = moving[b]
+                force = _plus(force, push)
+                for i, straight, _ in columns:
+                    force = _plus(force, _scaled(bodies[b, 0] * acceleration[i], straight))
+        if mechanism.joints[j].slides:
+            axis = next(straight for i, straight, _ in moving[mechanism.bearing(j)][1] if i == j)
+            force = _minus(force, _scaled(_dot(force, axis), axis))
+        return jnp.sqrt(_dot(force, force) + 1e-30)
+
+    return load
 
 
 def _runge_kutta(mechanism: Mechanism, numbers: Any, state: Any, u: Any) -> Any:
@@ -260,7 +354,7 @@ def _acceleration(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any, im
     nb, nv, nu, n = len(mechanism.bodies), len(mechanism.joints), len(mechanism.motors), numbers.shape[1]
     split = np.cumsum([nb * BODY, nv * JOINT, nu * MOTOR])
     bodies, joints, motors, gravity = (numbers[a:b] for a, b in zip([0, *split], [*split, len(numbers)], strict=True))
-    mass, bias = _mass_and_bias(mechanism, bodies.reshape(nb, BODY, n), tuple(gravity), q, v)
+    mass, bias, _ = _mass_and_bias(mechanism, bodies.reshape(nb, BODY, n), tuple(gravity), q, v)
     joints, motors = joints.reshape(nv, JOINT, n), motors.reshape(nu, MOTOR, n)
     slope, force = [], []
     for j in range(nv):
@@ -326,8 +420,11 @@ def _friction(mass: list[list[Any]], force: list[Any], joints: Sequence[Any], v:
 
 def _mass_and_bias(
     mechanism: Mechanism, numbers: Any, gravity: Vector, q: Any, v: Any
-) -> tuple[list[list[Any]], list[Any]]:
-    """Mass matrix, and the force that holds all joints at constant speed."""
+) -> tuple[list[list[Any]], list[Any], list[Any]]:
+    """Mass matrix, the force that holds all joints at constant speed, and of each body the same and its joints.
+
+    A body's joints are their index, and how its middle moves, and how it turns, at unit speed.
+    """
     nv = len(mechanism.joints)
     mass: list[list[Any]] = [[0.0] * nv for _ in range(nv)]
     bias: list[Any] = [0.0] * nv
@@ -335,6 +432,7 @@ def _mass_and_bias(
     up = tuple(-g for g in gravity)
     world = eye, zero, zero, zero, zero, up, ()
     frames: list[Any] = []
+    held: list[Any] = []
     for b, body in enumerate(mechanism.bodies):
         m, *rest = (numbers[b, i] if there else 0.0 for i, there in enumerate(body.shape))
         centre, inertia, place = tuple(rest[:3]), rest[3:6], tuple(rest[6:])
@@ -382,6 +480,7 @@ def _mass_and_bias(
             (j, axis if anchor is None else _cross(axis, _minus(middle, anchor)), zero if anchor is None else axis)
             for j, axis, anchor in moving
         ]
+        held.append((push, columns))
         for i, straight, round_ in columns:
             bias[i] = _add(bias[i], _add(_dot(straight, push), _dot(round_, twist)))
             pulled, turned = _scaled(m, straight), heavy(round_)
@@ -391,7 +490,7 @@ def _mass_and_bias(
     for i in range(nv):
         for j in range(i):
             mass[j][i] = mass[i][j]
-    return mass, bias
+    return mass, bias, held
 
 
 def _solve(matrix: list[list[Any]], right: list[Any]) -> list[Any]:

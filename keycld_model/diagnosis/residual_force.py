@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
-from keycld_model.diagnosis.fit import Fit, Point, Problem
+from keycld_model.diagnosis.fit import Fit, Problem
 from keycld_model.diagnosis.held_out import replay
 from keycld_model.diagnosis.simulator import usual_forces
 from keycld_model.diagnosis.windows import Windows
@@ -241,7 +241,7 @@ class _Normal:
     def solve(self, force: ResidualForce) -> tuple[Array, Array]:
         """Weights `[k, nv]` and nuisances `[n]`."""
         matrix, vector = self._equations(force.features)
-        solution = np.linalg.solve(matrix + np.diag(self._prior(force)), vector)
+        solution = np.linalg.solve(matrix + np.diag(self._prior(force)), vector).astype(np.float64)
         return solution[len(self.prior) :].reshape(-1, len(self.scale)), solution[: len(self.prior)]
 
     def evidence(self, forces: Sequence[ResidualForce]) -> Array:

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
 from keycld_model.diagnosis import nuisance
+from keycld_model.diagnosis.acting import compiles
 from keycld_model.diagnosis.mechanism import Mechanism
 from keycld_model.diagnosis.model_pool import ModelPool
 from keycld_model.diagnosis.nuisance import Nuisance
-from keycld_model.diagnosis.rollouts import CompiledRollouts, MujocoRollouts, Rollouts
+from keycld_model.diagnosis.rollouts import MujocoRollouts, Rollouts
 from keycld_model.diagnosis.windows import Windows
 
 Array = NDArray[np.float64]
@@ -75,8 +76,7 @@ class Simulator:
         self._data = mujoco.MjData(self.model)
         self._models = ModelPool(self.model)
         self._mujoco = MujocoRollouts(self.model, threads)
-        mechanism = Mechanism.of(self.model)
-        self._fast = CompiledRollouts(mechanism) if mechanism else None
+        self._fast = Mechanism.of(self.model)
 
     def compile(self, variant: Variant) -> mujoco.MjModel:
         """The model of a variant, as far as MuJoCo has its effects itself."""
@@ -154,12 +154,16 @@ class Simulator:
         path = np.empty((*start.shape[:2], windows.steps + 1, start.shape[2]))
         path[:, :, 0] = start
 
+        pushing = [[effect for effect in variant.effects if effect.forces] for variant in variants]
+
         def run(by: Rollouts, rows: NDArray[np.int64]) -> None:
-            """Those that effects push step by step, the others at once."""
-            pushed = np.array([any(effect.forces for effect in variants[i].effects) for i in which[rows]])
-            for some, march in ((rows[pushed], self._stepped), (rows[~pushed], self._free)):
+            """Step by step where effects push that are not in a program."""
+            outside = [[e for e in some if by is self._mujoco or not compiles(e)] for some in pushing]
+            stepped = np.array([bool(outside[i]) for i in which[rows]])
+            for some, by_hand in ((rows[stepped], True), (rows[~stepped], False)):
                 if len(some):
-                    path[some, :, 1:] = march(by, variants, models, which[some], windows, start[some], control[some])
+                    march = self._march(by, models, pushing, which[some], windows, start[some], control[some], by_hand)
+                    path[some, :, 1:] = march
 
         run(self._fast or self._mujoco, np.arange(len(which)))
         if self._fast and len(stopped := np.flatnonzero(self._beyond(path).any(axis=1))):
@@ -178,46 +182,38 @@ class Simulator:
         at = path[..., limited]
         return ((at < low + margin) | (at > high - margin)).any(axis=(2, 3))
 
-    def _free(
+    def _march(
         self,
         by: Rollouts,
-        variants: Sequence[Variant],
         models: Sequence[mujoco.MjModel],
+        effects: Sequence[Sequence[Effect]],
         which: NDArray[np.int64],
         windows: Windows,
         start: Array,
         control: Array,
+        by_hand: bool,
     ) -> Array:
-        """Positions and velocities after every step, `[P, W, S, 2 nv]`, of variants that push nothing."""
-        p, w, s, _ = control.shape
-        state = np.zeros((p * w, by.size))
-        state[:, by.motion] = start.reshape(p * w, -1)
-        out = by.run(by.batch(models, np.repeat(which, w), s), state, control.reshape(p * w, s, -1))
-        return out[..., by.motion].reshape(p, w, s, -1)
+        """Positions and velocities after every step, `[P, W, S, 2 nv]`.
 
-    def _stepped(
-        self,
-        by: Rollouts,
-        variants: Sequence[Variant],
-        models: Sequence[mujoco.MjModel],
-        which: NDArray[np.int64],
-        windows: Windows,
-        start: Array,
-        control: Array,
-    ) -> Array:
-        """The same with the forces of effects, each held over a step at its value in the middle."""
+        `by_hand`, effects push step by step, each force held over a step at its value in the middle.
+        """
         (p, w, s, _), nv, nu, h = control.shape, self.model.nv, self.model.nu, self.step
-        state = np.zeros((p * w, by.size))
+        state, of = np.zeros((p * w, by.size)), np.repeat(which, w)
         state[:, by.motion] = start.reshape(p * w, -1)
-        out, batch = np.empty((p, w, s, 2 * nv)), by.batch(models, np.repeat(which, w), 1)
+        clock = np.tile(windows.start, p)
+        if not by_hand:
+            present = [some if i in which else () for i, some in enumerate(effects)]
+            path = by.run(by.batch(models, present, of, s), state, control.reshape(p * w, s, -1), clock)
+            return path[..., by.motion].reshape(p, w, s, -1)
+        out, batch = np.empty((p, w, s, 2 * nv)), by.batch(models, [()] * len(models), of, 1)
         rows = {i: np.flatnonzero(which == i) for i in np.unique(which)}
-        acting = [(i, effect) for i in rows for effect in variants[i].effects if effect.forces]
+        acting = [(i, effect) for i in rows for effect in effects[i]]
         memories = [effect.begin(models[i], start[rows[i], :, nv:]) for i, effect in acting]
-        time, before = windows.start + h / 2, None
+        time, before = windows.start + h / 2, start[..., nv:]
         for k in range(s):
             now = state[:, by.motion].reshape(p, w, -1)
             q, v = now[..., :nv], now[..., nv:]
-            gain = np.zeros_like(v) if before is None else (v - before) / h
+            gain = (v - before) / h
             middle_q, middle_v, before = q + 0.5 * h * v + 0.125 * h**2 * gain, v + 0.5 * h * gain, v.copy()
             here = control[:, :, k].copy()
             for m, (i, effect) in enumerate(acting):
@@ -227,7 +223,7 @@ class Simulator:
                     models[i], memories[m], then, middle_q[r], middle_v[r], here[r, :, :nu], h
                 )
                 here[r, :, nu:] += force
-            state = by.run(batch, state, here.reshape(p * w, 1, -1))[:, 0]
+            state = by.run(batch, state, here.reshape(p * w, 1, -1), clock)[:, 0]
             out[:, :, k] = state[:, by.motion].reshape(p, w, -1)
         return out
 

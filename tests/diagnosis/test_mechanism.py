@@ -1,13 +1,19 @@
 """Compiled rollouts against MuJoCo's."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
+from plants import recordings
 
+from keycld_envs.effects import EFFECTS, Effect
 from keycld_envs.effects.base import add_friction
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.mechanism import Mechanism
-from keycld_model.diagnosis.rollouts import CompiledRollouts, MujocoRollouts
+from keycld_model.diagnosis.rollouts import MujocoRollouts
+from keycld_model.diagnosis.simulator import Simulator, Variant
+from keycld_model.diagnosis.windows import cut
 
 SKEW = """
 <mujoco>
@@ -81,12 +87,41 @@ def test_every_step_is_that_of_mujoco(name, integrator):
     slow = MujocoRollouts(base, 2)
     full = np.zeros((number, slow.size))
     full[:, slow.motion] = state
-    true = slow.run(slow.batch(models, of, steps), full, control)[..., slow.motion]
-    fast = CompiledRollouts(mechanism)
-    path = fast.run(fast.batch(models, of, steps), state, control)
+    none, time = [()] * len(models), np.zeros(number)
+    true = slow.run(slow.batch(models, none, of, steps), full, control, time)[..., slow.motion]
+    path = mechanism.run(mechanism.batch(models, none, of, steps), state, control, time)
     free = of < 2
     assert path[free] == pytest.approx(true[free], abs=1e-9)
     assert np.max(np.abs(path[~free] - true[~free])) < 1e-6
+
+
+def present(effect: Effect) -> Effect:
+    """Enough of it to matter."""
+    middle = {p.name: p.grid[len(p.grid) // 2] if p.grid else p.absent + 4 * p.scale for p in effect.parameters()}
+    return replace(effect, **middle)
+
+
+@pytest.mark.parametrize("name", ["cartpole", "acrobot"])
+def test_effects_push_in_compiled_steps_as_they_do_step_by_step(name):
+    model = get_system(name).compile()
+    model.jnt_limited[:] = 0
+    windows = cut(recordings(name, seed=3, number=2), 0.01, 40)
+    compiled, by_hand = Simulator(model, 0.01), Simulator(model, 0.01)
+    by_hand._fast = None
+    state = [x[None] for x in windows.initial_states()]
+    used = set()
+    for kind in EFFECTS.values():
+        if kind.id == "external_pulse":
+            continue
+        for effect in map(present, kind.candidates(model)):
+            if not effect.forces:
+                continue
+            used.add(kind.id)
+            variant, which = [Variant(np.zeros(len(compiled.nuisances)), (effect,))], np.zeros(1, int)
+            path, true = (s.simulate(variant, which, windows, *state) for s in (compiled, by_hand))
+            close = 2e-4 if kind.id in ("base_motion", "parameter_drift") else 1e-9  # not held over steps
+            np.testing.assert_allclose(path, true, atol=close, err_msg=str(effect))
+    assert len(used) == 14
 
 
 @pytest.mark.parametrize(

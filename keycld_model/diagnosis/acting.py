@@ -1,0 +1,179 @@
+"""Effects that push, inside the compiled steps of a mechanism.
+
+A program has a slot for every effect of its kinds at every place, so that programs are few: what is absent has numbers
+that make it nothing.
+"""
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.effects import EFFECTS, BaseMotion, Effect, HystereticFriction, LoadDependentFriction, ParameterDrift
+from keycld_envs.effects.base import JointEffect, TransmissionEffect, smooth_sign
+
+Array = NDArray[np.float64]
+
+
+def _pushes_a_joint(kind: type[Effect]) -> bool:
+    return issubclass(kind, JointEffect) and kind.torque is not JointEffect.torque
+
+
+LIGHT = tuple(
+    kind
+    for kind in EFFECTS.values()
+    if _pushes_a_joint(kind) or kind in (HystereticFriction, BaseMotion, ParameterDrift)
+)
+"""Cheap enough to be in every program with effects."""
+HEAVY = tuple(kind for kind in EFFECTS.values() if issubclass(kind, TransmissionEffect | LoadDependentFriction))
+"""In a program only if some variant has them."""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Where an effect can be.
+
+    Attributes:
+        absent: the effect, with numbers that make it nothing.
+        at: index of its joint, body (the world is no body) or axis of the world.
+        motor: index of its actuator, or -1.
+    """
+
+    absent: Effect
+    at: int
+    motor: int = -1
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What, and where."""
+        return self.absent.id, self.absent.where
+
+    @functools.cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of its numbers."""
+        return tuple(f.name for f in fields(self.absent) if f.name != "where")
+
+    def numbers(self, effect: Effect) -> list[float]:
+        """Those of an effect."""
+        return [float(getattr(effect, name)) for name in self.names]
+
+    def filled(self, numbers: Any) -> Any:
+        """The effect with these numbers, each `[N]`."""
+        return replace(self.absent, **dict(zip(self.names, numbers, strict=True)))
+
+
+@dataclass(frozen=True)
+class Slots:
+    """All of a program."""
+
+    slots: tuple[Slot, ...] = ()
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, effects: Iterable[Effect]) -> "Slots":
+        """What takes some effects; empty if there are none."""
+        kinds = {type(effect) for effect in effects}
+        if not kinds:
+            return cls()
+        out = {}
+        for kind in (*LIGHT, *(k for k in HEAVY if k in kinds)):
+            for effect in kind.candidates(model):
+                slot = _slot(model, effect)
+                out.setdefault(slot.key, slot)
+        return cls(tuple(out.values()))
+
+    def numbers(self, effects: Sequence[Effect]) -> Array:
+        """Those of some effects, `[K]`."""
+        here = {(effect.id, effect.where): effect for effect in effects}
+        return np.array([x for slot in self.slots for x in slot.numbers(here.get(slot.key, slot.absent))])
+
+    def acting(self, numbers: Any) -> "Acting":
+        """With numbers `[K, N]`, while a program is traced."""
+        ends = np.cumsum([len(slot.names) for slot in self.slots])[:-1]
+        pieces = jnp.split(numbers, ends) if self.slots else []
+        return Acting([(slot, slot.filled(list(piece))) for slot, piece in zip(self.slots, pieces, strict=True)])
+
+
+def compiles(effect: Effect) -> bool:
+    """Whether an effect that pushes can be in a program."""
+    return type(effect) in LIGHT or type(effect) in HEAVY
+
+
+def _slot(model: mujoco.MjModel, effect: Effect) -> Slot:
+    if isinstance(effect, TransmissionEffect):
+        return Slot(effect, effect.dof(model), int(model.actuator(effect.where).id))
+    if isinstance(effect, JointEffect):
+        return Slot(effect, effect.dof(model))
+    if isinstance(effect, BaseMotion):
+        return Slot(effect, effect.axis)
+    return Slot(effect, int(model.body(effect.where).id) - 1)
+
+
+@dataclass(frozen=True)
+class Acting:
+    """Effects while a program is traced; every number is an array over N rollouts."""
+
+    effects: list[tuple[Slot, Any]]
+
+    def begin(self, v: Any) -> list[Any]:
+        """Memories at the start of a motion with velocities `[nv, N]`."""
+        out = []
+        for slot, effect in self.effects:
+            if isinstance(effect, HystereticFriction):
+                out.append(effect.c / effect.s * jnp.sign(v[slot.at]))
+            elif isinstance(effect, TransmissionEffect):
+                out.append((jnp.zeros_like(v[slot.at]), v[slot.at]))
+        return out
+
+    def surroundings(self, bodies: Any, gravity: Any, t: Any) -> tuple[Any, list[Any]]:
+        """Numbers of bodies `[nb, 10, N]` and gravity, at times `[N]`."""
+        gravity = list(gravity)
+        for slot, effect in self.effects:
+            if isinstance(effect, BaseMotion):
+                gravity[slot.at] = gravity[slot.at] - effect.acceleration(t)
+            elif isinstance(effect, ParameterDrift):
+                heavy = jnp.array([0, 4, 5, 6])  # mass and moments of inertia
+                bodies = bodies.at[slot.at, heavy].multiply(effect.factor(t))
+        return bodies, gravity
+
+    def forces(
+        self,
+        memories: list[Any],
+        t: Any,
+        q: Any,
+        v: Any,
+        motor: Callable[[int], Any],
+        load: Callable[[int], Any],
+        h: float,
+    ) -> tuple[Any, list[Any]]:
+        """Mean forces on the joints over a step, `[nv, N]`, and memories after it.
+
+        Args:
+            memories: before it.
+            t: times `[N]` in its middle.
+            q: positions `[nv, N]` there.
+            v: velocities there.
+            motor: torque of an actuator, `[N]`.
+            load: force in the bearing of a joint, `[N]`.
+            h: s.
+        """
+        force, left, memories = [jnp.zeros_like(x) for x in v], list(memories), []
+        for slot, effect in self.effects:
+            at, push = slot.at, None
+            if isinstance(effect, HystereticFriction):
+                push, memory = effect.rub(left.pop(0), v[at], h)
+                memories.append(memory)
+            elif isinstance(effect, TransmissionEffect):
+                push, memory = effect.transmit(left.pop(0), motor(slot.motor), v[at], h)
+                memories.append(memory)
+            elif isinstance(effect, LoadDependentFriction):
+                push = -effect.mu * load(at) * smooth_sign(v[at])
+            elif isinstance(effect, JointEffect):
+                push = effect.torque(t, q[at], v[at])
+            if push is not None:
+                force[at] = force[at] + push
+        return jnp.stack(force), memories
