@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from keycld_envs.effects import EFFECTS, BaseMotion, Effect, HystereticFriction, LoadDependentFriction, ParameterDrift
 from keycld_envs.effects.base import JointEffect, TransmissionEffect, smooth_sign
+from keycld_model.diagnosis.scalars import sine_and_cosine
+from keycld_model.diagnosis.smooth_force import Features, ResidualForce
 
 Array = NDArray[np.float64]
 
@@ -69,9 +71,10 @@ class Slot:
 
 @dataclass(frozen=True)
 class Slots:
-    """All of a program."""
+    """All of a program, and which joints turn if it has a residual force."""
 
     slots: tuple[Slot, ...] = ()
+    turning: tuple[bool, ...] | None = None
 
     @classmethod
     def of(cls, model: mujoco.MjModel, effects: Iterable[Effect]) -> "Slots":
@@ -79,28 +82,49 @@ class Slots:
         kinds = {type(effect) for effect in effects}
         if not kinds:
             return cls()
+        turning = tuple(bool(t == mujoco.mjtJoint.mjJNT_HINGE) for t in model.jnt_type)
         out = {}
         for kind in (*LIGHT, *(k for k in HEAVY if k in kinds)):
             for effect in kind.candidates(model):
                 slot = _slot(model, effect)
                 out.setdefault(slot.key, slot)
-        return cls(tuple(out.values()))
+        return cls(tuple(out.values()), turning if ResidualForce in kinds else None)
 
     def numbers(self, effects: Sequence[Effect]) -> Array:
         """Those of some effects, `[K]`."""
         here = {(effect.id, effect.where): effect for effect in effects}
         return np.array([x for slot in self.slots for x in slot.numbers(here.get(slot.key, slot.absent))])
 
-    def acting(self, numbers: Any) -> "Acting":
-        """With numbers `[K, N]`, while a program is traced."""
+    def acting(self, numbers: Any, smooth: tuple[Any, ...]) -> "Acting":
+        """With numbers `[K, N]` and those of a residual force, while a program is traced."""
         ends = np.cumsum([len(slot.names) for slot in self.slots])[:-1]
         pieces = jnp.split(numbers, ends) if self.slots else []
-        return Acting([(slot, slot.filled(list(piece))) for slot, piece in zip(self.slots, pieces, strict=True)])
+        filled = [(slot, slot.filled(list(piece))) for slot, piece in zip(self.slots, pieces, strict=True)]
+        if self.turning is None:
+            return Acting(filled, None)
+        *features, weights = smooth
+        return Acting(filled, (Features(np.array(self.turning), *features), weights))
 
 
 def compiles(effect: Effect) -> bool:
     """Whether an effect that pushes can be in a program."""
-    return type(effect) in LIGHT or type(effect) in HEAVY
+    return type(effect) in (*LIGHT, *HEAVY, ResidualForce)
+
+
+def smooth_numbers(effects: Iterable[Effect]) -> tuple[Array, ...]:
+    """Those of the one residual force among effects; empty if there is none.
+
+    Raises:
+        ValueError: if there are several.
+    """
+    forces = {id(effect): effect for effect in effects if isinstance(effect, ResidualForce)}
+    if not forces:
+        return ()
+    if len(forces) > 1:
+        raise ValueError("Rollouts that are simulated together may have one residual force between them.")
+    (force,) = forces.values()
+    f = force.features
+    return f.middle, f.spread, f.frequency, f.phase, force.weights
 
 
 def _slot(model: mujoco.MjModel, effect: Effect) -> Slot:
@@ -115,9 +139,15 @@ def _slot(model: mujoco.MjModel, effect: Effect) -> Slot:
 
 @dataclass(frozen=True)
 class Acting:
-    """Effects while a program is traced; every number is an array over N rollouts."""
+    """Effects while a program is traced; every number is an array over N rollouts.
+
+    Attributes:
+        effects: in their slots.
+        smooth: features and weights of a residual force, of all rollouts.
+    """
 
     effects: list[tuple[Slot, Any]]
+    smooth: tuple[Features, Any] | None
 
     def begin(self, v: Any) -> list[Any]:
         """Memories at the start of a motion with velocities `[nv, N]`."""
@@ -146,6 +176,7 @@ class Acting:
         t: Any,
         q: Any,
         v: Any,
+        u: Any,
         motor: Callable[[int], Any],
         load: Callable[[int], Any],
         h: float,
@@ -157,11 +188,15 @@ class Acting:
             t: times `[N]` in its middle.
             q: positions `[nv, N]` there.
             v: velocities there.
+            u: commands `[nu, N]`.
             motor: torque of an actuator, `[N]`.
             load: force in the bearing of a joint, `[N]`.
             h: s.
         """
         force, left, memories = [jnp.zeros_like(x) for x in v], list(memories), []
+        if self.smooth is not None:
+            features, weights = self.smooth
+            force = list((features.evaluate(q.T, v.T, u.T, lambda x: sine_and_cosine(x)[1]) @ weights).T)
         for slot, effect in self.effects:
             at, push = slot.at, None
             if isinstance(effect, HystereticFriction):

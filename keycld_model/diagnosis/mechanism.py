@@ -7,7 +7,6 @@ that what is zero by construction costs nothing.
 """
 
 import functools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,10 +18,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
-from keycld_model.diagnosis.acting import Acting, Slots
+from keycld_model.diagnosis.acting import Acting, Slots, smooth_numbers
+from keycld_model.diagnosis.scalars import (
+    Vector,
+    add,
+    cross,
+    dot,
+    minus,
+    mul,
+    plus,
+    product,
+    rotation,
+    scaled,
+    solve,
+    turned,
+)
 
 Array = NDArray[np.float64]
-Vector = tuple[Any, Any, Any]
 CHUNK, STEP_CHUNKS = 128, (64, 512)
 """Rollouts of many steps, and of one, that are simulated together: any other number of them is compiled anew."""
 MOST_JOINTS = 6
@@ -151,14 +163,16 @@ class Mechanism:
         steps: int,
     ) -> "Batch":
         """See `Rollouts`."""
-        slots = Slots.of(models[0], {effect for some in effects for effect in some})
+        everything = [effect for some in effects for effect in some]
+        slots = Slots.of(models[0], everything)
         rows = [
             np.concatenate([self.numbers(model), slots.numbers(some)])
             for model, some in zip(models, effects, strict=True)
         ]
         numbers = np.stack(rows)[of]
         with jax.enable_x64(True):
-            return Batch(slots, [jnp.asarray(numbers[piece].T) for piece in _chunks(len(numbers), steps)])
+            chunks = [jnp.asarray(numbers[piece].T) for piece in _chunks(len(numbers), steps)]
+            return Batch(slots, chunks, smooth_numbers(everything))
 
     def run(self, batch: "Batch", state: Array, control: Array, time: Array) -> Array:
         """See `Rollouts`."""
@@ -166,7 +180,9 @@ class Mechanism:
         out, at = np.empty((n, steps, state.shape[1])), 0
         with jax.enable_x64(True):
             for numbers, piece in zip(batch.numbers, _chunks(n, steps), strict=True):
-                path = np.asarray(roll(numbers, state[piece].T, np.moveaxis(control[piece], 0, -1), time[piece]))
+                path = np.asarray(
+                    roll(numbers, state[piece].T, np.moveaxis(control[piece], 0, -1), time[piece], batch.smooth)
+                )
                 used = min(len(piece), n - at)
                 out[at : at + used] = np.moveaxis(path, -1, 0)[:used]
                 at += used
@@ -180,10 +196,17 @@ class Mechanism:
 
 @dataclass(frozen=True)
 class Batch:
-    """Rollouts, in chunks of one size: their numbers `[K, N]`, of the mechanism and of effects."""
+    """Rollouts, in chunks of one size.
+
+    Attributes:
+        slots: for effects.
+        numbers: `[K, N]` of the mechanism and of effects.
+        smooth: of a residual force.
+    """
 
     slots: Slots
     numbers: list[Any]
+    smooth: tuple[Any, ...]
 
 
 def _chunks(number: int, steps: int) -> list[NDArray[np.int64]]:
@@ -263,9 +286,9 @@ def _program(mechanism: Mechanism, slots: Slots) -> Any:
     step, h = _runge_kutta if mechanism.runge_kutta else _euler, mechanism.step
     nu = len(mechanism.motors)
 
-    def roll(numbers: Any, state: Any, control: Any, time: Any) -> Any:
+    def roll(numbers: Any, state: Any, control: Any, time: Any, smooth: Any) -> Any:
         own = numbers[: mechanism.length]
-        acting = slots.acting(numbers[mechanism.length :])
+        acting = slots.acting(numbers[mechanism.length :], smooth)
 
         def advance(carry: Any, u: Any) -> Any:
             q, v, before, memories, t = carry
@@ -275,7 +298,7 @@ def _program(mechanism: Mechanism, slots: Slots) -> Any:
                 half_q, half_v = q + 0.5 * h * v + 0.125 * h**2 * gain, v + 0.5 * h * gain
                 here = _surrounded(mechanism, own, acting, middle)
                 motor, load = _motors(mechanism, here, u), _loads(mechanism, own, half_q, half_v, u)
-                force, memories = acting.forces(memories, middle, half_q, half_v, motor, load, h)
+                force, memories = acting.forces(memories, middle, half_q, half_v, u[:nu], motor, load, h)
                 u = jnp.concatenate([u[:nu], u[nu:] + force])
             motion = step(mechanism, here, (q, v), u)
             return (*motion, v, memories, t + h), jnp.concatenate(motion)
@@ -313,13 +336,13 @@ def _loads(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any) -> Callab
             if b in beyond or body.parent in beyond:
                 beyond.add(b)
                 push, columns = moving[b]
-                force = _plus(force, push)
+                force = plus(force, push)
                 for i, straight, _ in columns:
-                    force = _plus(force, _scaled(bodies[b, 0] * acceleration[i], straight))
+                    force = plus(force, scaled(bodies[b, 0] * acceleration[i], straight))
         if mechanism.joints[j].slides:
             axis = next(straight for i, straight, _ in moving[mechanism.bearing(j)][1] if i == j)
-            force = _minus(force, _scaled(_dot(force, axis), axis))
-        return jnp.sqrt(_dot(force, force) + 1e-30)
+            force = minus(force, scaled(dot(force, axis), axis))
+        return jnp.sqrt(dot(force, force) + 1e-30)
 
     return load
 
@@ -359,7 +382,7 @@ def _acceleration(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any, im
     slope, force = [], []
     for j in range(nv):
         b0, b1, b2, armature, k0, k1, k2, rest = joints[j, :8]
-        mass[j][j] = _add(mass[j][j], armature)
+        mass[j][j] = add(mass[j][j], armature)
         speed, x = jnp.abs(v[j]), q[j] - rest
         spring = x * (k0 + x * (k1 + x * k2))
         force.append(u[nu + j] - v[j] * (b0 + speed * (b1 + speed * b2)) - spring - bias[j])
@@ -372,7 +395,7 @@ def _acceleration(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any, im
     if implicit:
         for j in range(nv):
             mass[j][j] = mass[j][j] + mechanism.step * slope[j]
-    return jnp.stack(_solve(mass, [_add(f, r) for f, r in zip(force, rubbed, strict=True)]))
+    return jnp.stack(solve(mass, [add(f, r) for f, r in zip(force, rubbed, strict=True)]))
 
 
 def _friction(mass: list[list[Any]], force: list[Any], joints: Sequence[Any], v: Any) -> list[Any]:
@@ -391,26 +414,26 @@ def _friction(mass: list[list[Any]], force: list[Any], joints: Sequence[Any], v:
         for j, (_, regular, _) in enumerate(joints):
             stiff[j][j] = stiff[j][j] + jnp.where(sticks[j], 1 / regular, 0.0)
             right.append(force[j] + jnp.where(sticks[j], stop[j] / regular, rubbed[j]))
-        return jnp.stack(_solve(stiff, right))
+        return jnp.stack(solve(stiff, right))
 
     def newton(acceleration: Any, _: None) -> tuple[Any, None]:
         return accelerate(*rub(acceleration)), None
 
     def rubbing() -> Any:
-        free = _solve(mass, force)
-        given = [_solve(mass, [jnp.ones_like(v[0]) if i == j else 0.0 for j in range(nv)]) for i in range(nv)]
+        free = solve(mass, force)
+        given = [solve(mass, [jnp.ones_like(v[0]) if i == j else 0.0 for j in range(nv)]) for i in range(nv)]
 
         def relax(rubbed: Any, _: None) -> tuple[Any, None]:
             """A sweep of projected Gauss-Seidel."""
             forces = list(rubbed)
             for j, (most, regular, _) in enumerate(joints):
-                acceleration = free[j] + functools.reduce(_add, [_mul(given[i][j], forces[i]) for i in range(nv)])
+                acceleration = free[j] + functools.reduce(add, [mul(given[i][j], forces[i]) for i in range(nv)])
                 change = (stop[j] - acceleration - regular * forces[j]) / (given[j][j] + regular)
                 forces[j] = jnp.clip(forces[j] + change, -most, most)
             return jnp.stack(forces), None
 
         rubbed, _ = jax.lax.scan(relax, jnp.zeros_like(v), None, length=2 * nv, unroll=True)  # finds which joints stick
-        first = jnp.stack(_solve(mass, [f + r for f, r in zip(force, rubbed, strict=True)]))
+        first = jnp.stack(solve(mass, [f + r for f, r in zip(force, rubbed, strict=True)]))
         acceleration, _ = jax.lax.scan(newton, first, None, length=2, unroll=True)  # exact then
         return jnp.stack(rub(acceleration)[0])
 
@@ -440,159 +463,54 @@ def _mass_and_bias(
 
         def ride(arm: Any, spin: Any, spin_rate: Any) -> Any:
             """Velocity and acceleration of a point relative to another of the same body."""
-            swing = _cross(spin, arm)
-            return swing, _plus(_cross(spin_rate, arm), _cross(spin, swing))
+            swing = cross(spin, arm)
+            return swing, plus(cross(spin_rate, arm), cross(spin, swing))
 
         def move(arm: Any, origin: Any, speed: Any, rate: Any, spin: Any, spin_rate: Any) -> Any:
             swing, swing_rate = ride(arm, spin, spin_rate)
-            return _plus(origin, arm), _plus(speed, swing), _plus(rate, swing_rate)
+            return plus(origin, arm), plus(speed, swing), plus(rate, swing_rate)
 
-        origin, speed, rate = move(_turned(turn, place), origin, speed, rate, spin, spin_rate)
-        turn = _product(turn, body.turn)
+        origin, speed, rate = move(turned(turn, place), origin, speed, rate, spin, spin_rate)
+        turn = product(turn, body.turn)
         for j in body.joints:
             joint = mechanism.joints[j]
-            axis, angle = _turned(turn, joint.axis), q[j] - joint.reference
+            axis, angle = turned(turn, joint.axis), q[j] - joint.reference
             if joint.slides:
-                origin, speed, rate = move(_scaled(angle, axis), origin, speed, rate, spin, spin_rate)
-                speed = _plus(speed, _scaled(v[j], axis))
-                rate = _plus(rate, _scaled(2 * v[j], _cross(spin, axis)))
+                origin, speed, rate = move(scaled(angle, axis), origin, speed, rate, spin, spin_rate)
+                speed = plus(speed, scaled(v[j], axis))
+                rate = plus(rate, scaled(2 * v[j], cross(spin, axis)))
                 moving = (*moving, (j, axis, None))
                 continue
-            anchor, speed, rate = move(_turned(turn, joint.anchor), origin, speed, rate, spin, spin_rate)
-            spin_rate = _plus(spin_rate, _scaled(v[j], _cross(spin, axis)))
-            spin = _plus(spin, _scaled(v[j], axis))
-            turn = _product(turn, _rotation(joint.axis, angle))
-            back = _scaled(-1.0, _turned(turn, joint.anchor))
+            anchor, speed, rate = move(turned(turn, joint.anchor), origin, speed, rate, spin, spin_rate)
+            spin_rate = plus(spin_rate, scaled(v[j], cross(spin, axis)))
+            spin = plus(spin, scaled(v[j], axis))
+            turn = product(turn, rotation(joint.axis, angle))
+            back = scaled(-1.0, turned(turn, joint.anchor))
             origin, speed, rate = move(back, anchor, speed, rate, spin, spin_rate)
             moving = (*moving, (j, axis, anchor))
         frames.append((turn, origin, spin, speed, spin_rate, rate, moving))
-        middle, _, push = move(_turned(turn, centre), origin, speed, rate, spin, spin_rate)
-        principal = _product(turn, body.principal)
+        middle, _, push = move(turned(turn, centre), origin, speed, rate, spin, spin_rate)
+        principal = product(turn, body.principal)
 
         def heavy(w: Any, principal: Any = principal, inertia: Any = inertia) -> Any:
             """Inertia times a rotation."""
-            along = tuple(_mul(inertia[i], _dot(tuple(row[i] for row in principal), w)) for i in range(3))
-            return _turned(principal, along)
+            along = tuple(mul(inertia[i], dot(tuple(row[i] for row in principal), w)) for i in range(3))
+            return turned(principal, along)
 
-        twist = _plus(heavy(spin_rate), _cross(spin, heavy(spin)))
-        push = _scaled(m, push)
+        twist = plus(heavy(spin_rate), cross(spin, heavy(spin)))
+        push = scaled(m, push)
         columns = [
-            (j, axis if anchor is None else _cross(axis, _minus(middle, anchor)), zero if anchor is None else axis)
+            (j, axis if anchor is None else cross(axis, minus(middle, anchor)), zero if anchor is None else axis)
             for j, axis, anchor in moving
         ]
         held.append((push, columns))
         for i, straight, round_ in columns:
-            bias[i] = _add(bias[i], _add(_dot(straight, push), _dot(round_, twist)))
-            pulled, turned = _scaled(m, straight), heavy(round_)
+            bias[i] = add(bias[i], add(dot(straight, push), dot(round_, twist)))
+            pulled, swung = scaled(m, straight), heavy(round_)
             for j, other, other_round in columns:
                 if j <= i:
-                    mass[i][j] = _add(mass[i][j], _add(_dot(other, pulled), _dot(other_round, turned)))
+                    mass[i][j] = add(mass[i][j], add(dot(other, pulled), dot(other_round, swung)))
     for i in range(nv):
         for j in range(i):
             mass[j][i] = mass[i][j]
     return mass, bias, held
-
-
-def _solve(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
-    """Of a positive definite system, by its L D L' factors."""
-    n = len(right)
-    low: list[list[Any]] = [[0.0] * n for _ in range(n)]
-    diagonal: list[Any] = []
-    x = list(right)
-    for j in range(n):
-        d = matrix[j][j]
-        for k in range(j):
-            d = d - _mul(_mul(low[j][k], low[j][k]), diagonal[k])
-        diagonal.append(d)
-        for i in range(j + 1, n):
-            value = matrix[i][j]
-            for k in range(j):
-                value = _minus_one(value, _mul(_mul(low[i][k], low[j][k]), diagonal[k]))
-            low[i][j] = 0.0 if _is(value, 0.0) else value / d
-    for i in range(n):
-        for k in range(i):
-            x[i] = _minus_one(x[i], _mul(low[i][k], x[k]))
-    x = [value / d for value, d in zip(x, diagonal, strict=True)]
-    for i in reversed(range(n)):
-        for k in range(i + 1, n):
-            x[i] = _minus_one(x[i], _mul(low[k][i], x[k]))
-    return x
-
-
-def _is(a: Any, value: float) -> bool:
-    return isinstance(a, float) and a == value
-
-
-def _mul(a: Any, b: Any) -> Any:
-    if _is(a, 0.0) or _is(b, 0.0):
-        return 0.0
-    return b if _is(a, 1.0) else a if _is(b, 1.0) else a * b
-
-
-def _add(a: Any, b: Any) -> Any:
-    return b if _is(a, 0.0) else a if _is(b, 0.0) else a + b
-
-
-def _minus_one(a: Any, b: Any) -> Any:
-    return a if _is(b, 0.0) else -b if _is(a, 0.0) else a - b
-
-
-def _dot(a: Any, b: Any) -> Any:
-    return _add(_add(_mul(a[0], b[0]), _mul(a[1], b[1])), _mul(a[2], b[2]))
-
-
-def _cross(a: Any, b: Any) -> Vector:
-    return (
-        _minus_one(_mul(a[1], b[2]), _mul(a[2], b[1])),
-        _minus_one(_mul(a[2], b[0]), _mul(a[0], b[2])),
-        _minus_one(_mul(a[0], b[1]), _mul(a[1], b[0])),
-    )
-
-
-def _plus(a: Any, b: Any) -> Vector:
-    return _add(a[0], b[0]), _add(a[1], b[1]), _add(a[2], b[2])
-
-
-def _minus(a: Any, b: Any) -> Vector:
-    return _minus_one(a[0], b[0]), _minus_one(a[1], b[1]), _minus_one(a[2], b[2])
-
-
-def _scaled(s: Any, a: Any) -> Vector:
-    return _mul(s, a[0]), _mul(s, a[1]), _mul(s, a[2])
-
-
-def _turned(matrix: Any, a: Any) -> Vector:
-    return _dot(matrix[0], a), _dot(matrix[1], a), _dot(matrix[2], a)
-
-
-def _product(a: Any, b: Any) -> tuple[Vector, Vector, Vector]:
-    columns = tuple(tuple(row[i] for row in b) for i in range(3))
-    return tuple(tuple(_dot(row, column) for column in columns) for row in a)  # pyright: ignore[reportReturnType]
-
-
-def _sine_and_cosine(angle: Any) -> tuple[Any, Any]:
-    """To 1e-15, by polynomials: the compiler's own take most of the time of a step."""
-    quarter = jnp.round(angle * (2 / math.pi))
-    x = (angle - quarter * (math.pi / 2)) - quarter * 6.123233995736766e-17
-    square, sine, cosine = x * x, 0.0, 0.0
-    for n in range(17, 0, -2):
-        sine = _add(_mul(square, sine), (-1.0) ** (n // 2) / math.factorial(n))
-        cosine = _add(_mul(square, cosine), (-1.0) ** (n // 2) / math.factorial(n - 1))
-    turns = quarter.astype(jnp.int32) & 3
-    odd = (turns & 1) == 1
-    s, c = jnp.where(odd, cosine, x * sine), jnp.where(odd, x * sine, cosine)
-    return jnp.where(turns >= 2, -s, s), jnp.where((turns == 1) | (turns == 2), -c, c)
-
-
-def _rotation(axis: Vector, angle: Any) -> tuple[Vector, Vector, Vector]:
-    """About a unit axis (Rodrigues)."""
-    s, c = _sine_and_cosine(angle)
-    x, y, z = axis
-    across = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
-
-    def entry(i: int, j: int) -> Any:
-        if i == j and abs(axis[i]) == 1:
-            return 1.0
-        return _add(_add(c if i == j else 0.0, _mul(s, across[i][j])), _mul(axis[i] * axis[j], 1 - c))
-
-    return tuple(tuple(entry(i, j) for j in range(3)) for i in range(3))  # pyright: ignore[reportReturnType]

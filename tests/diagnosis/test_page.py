@@ -23,7 +23,7 @@ from keycld_model.diagnosis.page.labels import Mark
 from keycld_model.diagnosis.page.mathml import mathml
 from keycld_model.diagnosis.page.page import html_page
 from keycld_model.diagnosis.report import Estimate, Finding, Unexplained
-from keycld_model.diagnosis.residual_force import Features, ResidualForce
+from keycld_model.diagnosis.smooth_force import Features, ResidualForce
 from keycld_model.diagnosis.words import call, measured
 
 LIMIT = 8_000_000

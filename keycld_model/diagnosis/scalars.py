@@ -1,0 +1,126 @@
+"""Linear algebra in single numbers, each an array over rollouts: what is zero by construction costs nothing.
+
+The numbers 0.0 and 1.0 as Python floats are exactly that, and never get into a program.
+"""
+
+import math
+from typing import Any
+
+import jax.numpy as jnp
+
+Vector = tuple[Any, Any, Any]
+
+
+def solve(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
+    """Of a positive definite system, by its L D L' factors."""
+    n = len(right)
+    low: list[list[Any]] = [[0.0] * n for _ in range(n)]
+    diagonal: list[Any] = []
+    x = list(right)
+    for j in range(n):
+        d = matrix[j][j]
+        for k in range(j):
+            d = d - mul(mul(low[j][k], low[j][k]), diagonal[k])
+        diagonal.append(d)
+        for i in range(j + 1, n):
+            value = matrix[i][j]
+            for k in range(j):
+                value = subtract(value, mul(mul(low[i][k], low[j][k]), diagonal[k]))
+            low[i][j] = 0.0 if _is(value, 0.0) else value / d
+    for i in range(n):
+        for k in range(i):
+            x[i] = subtract(x[i], mul(low[i][k], x[k]))
+    x = [value / d for value, d in zip(x, diagonal, strict=True)]
+    for i in reversed(range(n)):
+        for k in range(i + 1, n):
+            x[i] = subtract(x[i], mul(low[k][i], x[k]))
+    return x
+
+
+def _is(a: Any, value: float) -> bool:
+    return isinstance(a, float) and a == value
+
+
+def mul(a: Any, b: Any) -> Any:
+    """Product."""
+    if _is(a, 0.0) or _is(b, 0.0):
+        return 0.0
+    return b if _is(a, 1.0) else a if _is(b, 1.0) else a * b
+
+
+def add(a: Any, b: Any) -> Any:
+    """Sum."""
+    return b if _is(a, 0.0) else a if _is(b, 0.0) else a + b
+
+
+def subtract(a: Any, b: Any) -> Any:
+    """Difference."""
+    return a if _is(b, 0.0) else -b if _is(a, 0.0) else a - b
+
+
+def dot(a: Any, b: Any) -> Any:
+    """Of vectors."""
+    return add(add(mul(a[0], b[0]), mul(a[1], b[1])), mul(a[2], b[2]))
+
+
+def cross(a: Any, b: Any) -> Vector:
+    """Of vectors."""
+    return (
+        subtract(mul(a[1], b[2]), mul(a[2], b[1])),
+        subtract(mul(a[2], b[0]), mul(a[0], b[2])),
+        subtract(mul(a[0], b[1]), mul(a[1], b[0])),
+    )
+
+
+def plus(a: Any, b: Any) -> Vector:
+    """Sum of vectors."""
+    return add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2])
+
+
+def minus(a: Any, b: Any) -> Vector:
+    """Difference of vectors."""
+    return subtract(a[0], b[0]), subtract(a[1], b[1]), subtract(a[2], b[2])
+
+
+def scaled(s: Any, a: Any) -> Vector:
+    """A number times a vector."""
+    return mul(s, a[0]), mul(s, a[1]), mul(s, a[2])
+
+
+def turned(matrix: Any, a: Any) -> Vector:
+    """A matrix times a vector."""
+    return dot(matrix[0], a), dot(matrix[1], a), dot(matrix[2], a)
+
+
+def product(a: Any, b: Any) -> tuple[Vector, Vector, Vector]:
+    """Of matrices."""
+    columns = tuple(tuple(row[i] for row in b) for i in range(3))
+    return tuple(tuple(dot(row, column) for column in columns) for row in a)  # pyright: ignore[reportReturnType]
+
+
+def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
+    """To 1e-15, by polynomials: the compiler's own take most of the time of a step."""
+    quarter = jnp.round(angle * (2 / math.pi))
+    x = (angle - quarter * (math.pi / 2)) - quarter * 6.123233995736766e-17
+    square, sine, cosine = x * x, 0.0, 0.0
+    for n in range(17, 0, -2):
+        sine = add(mul(square, sine), (-1.0) ** (n // 2) / math.factorial(n))
+        cosine = add(mul(square, cosine), (-1.0) ** (n // 2) / math.factorial(n - 1))
+    turns = quarter.astype(jnp.int32) & 3
+    odd = (turns & 1) == 1
+    s, c = jnp.where(odd, cosine, x * sine), jnp.where(odd, x * sine, cosine)
+    return jnp.where(turns >= 2, -s, s), jnp.where((turns == 1) | (turns == 2), -c, c)
+
+
+def rotation(axis: Vector, angle: Any) -> tuple[Vector, Vector, Vector]:
+    """About a unit axis (Rodrigues)."""
+    s, c = sine_and_cosine(angle)
+    x, y, z = axis
+    across = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
+
+    def entry(i: int, j: int) -> Any:
+        if i == j and abs(axis[i]) == 1:
+            return 1.0
+        return add(add(c if i == j else 0.0, mul(s, across[i][j])), mul(axis[i] * axis[j], 1 - c))
+
+    return tuple(tuple(entry(i, j) for j in range(3)) for i in range(3))  # pyright: ignore[reportReturnType]
