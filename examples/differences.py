@@ -42,7 +42,7 @@ def stages(change: Callable[[Stage], Stage]) -> Preset:
 def gradient_descent(stage: Stage) -> Stage:
     """Trajectories fitted by Adam alone."""
     if isinstance(stage, FitTrajectories):
-        return replace(stage, identify=0, restart=False, steps=max(stage.steps, 500))
+        return replace(stage, identify=0, steps=max(stage.steps, 500))
     return stage
 
 

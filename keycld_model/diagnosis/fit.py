@@ -19,6 +19,8 @@ ATTEMPTS = 5
 """Steps tried, each ten times more cautious, before the fit counts as converged."""
 FAR, SETTLING = 3.0, 4
 """Windows that cost so many times the median get steps of their own for their initial states."""
+TOLERANCE = 0.1
+"""Nats that a step must gain for another one."""
 STALE = 0.2
 """Share of the last gain from which on old derivatives are good enough for another step."""
 DIVERGED = 1e5
@@ -129,6 +131,11 @@ class Problem:
         """Numbers measured."""
         return int(np.isfinite(self.windows.measured).sum())
 
+    @property
+    def expected(self) -> float:
+        """Nats that noise alone costs."""
+        return 0.5 * (self.samples - 2 * self.windows.measured.shape[2] * len(self.windows))
+
     @cached_property
     def spreads(self) -> Array:
         """Prior standard deviations of the nuisances."""
@@ -228,12 +235,17 @@ class Problem:
         columns = (here - np.stack(pushed)).reshape(len(joints), bins, *here.shape) / sizes[:, None, None, None]
         return np.moveaxis(columns, (0, 1), (2, 3))
 
-    def minimise(self, point: Point, iterations: int = 12, tolerance: float = 0.1, only_states: bool = False) -> "Fit":
-        """Gauss-Newton with caution, initial states eliminated; stops when a step gains less than `tolerance` nats.
+    def minimise(self, point: Point, iterations: int = 12, share: float = 0.0, only_states: bool = False) -> "Fit":
+        """Gauss-Newton with caution, initial states eliminated.
 
-        With `only_states`, nuisances and effects stay as they are.
+        Args:
+            point: to start from.
+            iterations: at most.
+            share: of what the start costs above noise, which a step must gain for another one; at least `TOLERANCE`.
+            only_states: nuisances and effects stay as they are.
         """
         cost, caution, gain = self.cost(point), 1e-6, np.inf
+        tolerance = max(TOLERANCE, share * (cost - self.expected))
         linear, fresh, n = None, False, len(self.spreads)
         hessian = np.eye(0)
         for _ in range(iterations):
@@ -363,7 +375,7 @@ class Fit:
     @cached_property
     def excess(self) -> float:
         """Nats above what noise alone costs."""
-        return self.cost - 0.5 * (self.problem.samples - 2 * self.point.q.size)
+        return self.cost - self.problem.expected
 
     def worth(self, effect: Effect) -> float:
         """Nats that the fit would lose without one of its effects, were it linear in its numbers."""

@@ -1,6 +1,5 @@
 """Which sets of effects promise most, to first order: every one, every pair, and the best pairs with every third."""
 
-import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -28,14 +27,15 @@ def promising(fit: Fit, free: Sequence[Hypothesis], numbers: Mapping[int, int]) 
     """
     if not numbers or not free:
         return
-    screening, everyone = _Screening.of(fit, free), range(len(free))
-    more: list[tuple[int, ...]] = [(h,) for h in everyone]
+    screening, number = _Screening.of(fit, free), len(free)
+    sets, worth = np.arange(number)[:, None], np.zeros(number)
     for size in range(1, max(numbers) + 1):
-        sets = np.array(more, dtype=int)
-        worth, coefficients = screening.evaluate(sets)
-        more = list(itertools.combinations(everyone, 2))
         if size == 2:
-            more = [(*pair, h) for pair in sets[np.argsort(-worth)[:PARTNERS]] for h in everyone]
+            sets = np.stack(np.triu_indices(number, 1), axis=1)
+        elif size == 3:
+            best = sets[np.argsort(-worth)[:PARTNERS]]
+            sets = np.column_stack([np.repeat(best, number, axis=0), np.tile(np.arange(number), len(best))])
+        worth, coefficients = screening.evaluate(sets)
         seen: set[frozenset[tuple[str, str]]] = set()
         for i in np.argsort(-worth):
             keys = frozenset(free[h].key for h in sets[i])

@@ -16,8 +16,8 @@ REFINED = {1: 4, 2: 3, 3: 2}
 """Sets of one, two and three effects that are refined a little after each linear scoring."""
 GLANCE = 3
 """Gauss-Newton steps of that."""
-TOLERANCE, ROUGH = 0.1, 3e-4
-"""Nats, and share of what is above noise, that a step of such a fit must gain for another one."""
+ROUGH = 3e-4
+"""Share of what is above noise that a step of a refinement must gain for another one."""
 FINALISTS = 2
 """How many of them are then refined to the end, beside the best of each size."""
 ENOUGH, FEWEST = 500.0, 30
@@ -90,7 +90,6 @@ class Search:
         self.found: dict[frozenset[tuple[str, str]], Scored] = {}
         self.temper = 1.0
         self._nothing = np.inf
-        self._noise = 0.5 * (problem.samples - 2 * problem.windows.measured.shape[2] * len(problem.windows))
         self._replaced: set[tuple[frozenset[tuple[str, str]], tuple[str, str]]] = set()
 
     def run(self, start: Point) -> Scored:
@@ -190,7 +189,7 @@ class Search:
         return out
 
     def _refine(self, point: Point, iterations: int = 12) -> Scored:
-        fit = self.problem.minimise(point, iterations, max(TOLERANCE, ROUGH * (self.problem.cost(point) - self._noise)))
+        fit = self.problem.minimise(point, iterations, ROUGH)
         scored = self._scored(fit)
         if scored.keys not in self.found or scored.score < self.found[scored.keys].score:
             self.found[scored.keys] = scored

@@ -17,6 +17,7 @@ from keycld_envs.effects import (
     ParameterDrift,
 )
 from keycld_envs.effects.added_physics import AddedPhysics
+from keycld_envs.effects.base_motion import weight
 from keycld_envs.systems import SYSTEMS
 
 CASES = [(effect, system) for effect in EFFECTS.values() for system in ("pendulum", "cartpole", "acrobot")]
@@ -203,3 +204,15 @@ def test_friction_with_a_past_or_a_load_takes_energy(effect):
     state = swing(SYSTEMS["acrobot"].compile(), [effect], [1.0, 0.5], [0.0, 0.0], 3.0)
     e = energy(SYSTEMS["acrobot"].compile(), state[::50])
     assert e[-1] < e[0] - 0.1 and np.diff(e).max() < 0.05
+
+
+@pytest.mark.parametrize("system", ["pendulum", "cartpole", "acrobot"])
+@pytest.mark.parametrize("axis", [0, 2])
+def test_a_moving_base_pulls_as_gravity_does(system, axis):
+    model, rng = SYSTEMS[system].compile(), np.random.default_rng(0)
+    model.opt.gravity[:] = np.eye(3)[axis]
+    data = mujoco.MjData(model)
+    for _ in range(20):
+        data.qpos[:] = rng.normal(0, 2, model.nq)
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(weight(model, axis, data.qpos), -data.qfrc_bias, atol=1e-12)

@@ -73,7 +73,7 @@ def roll(simulator: Simulator, which: Variant, recordings: Sequence[Recording], 
         samples = min(len(t), int(seconds / float(np.median(np.diff(t)))) + 1)
         problem = Problem(simulator, cut([recording], simulator.step, samples), np.full(simulator.model.nv, SCALE))
         start = Point(which, *problem.windows.initial_states())
-        windows, point = problem.windows, problem.minimise(start, 15, 1e-3, only_states=True).point
+        windows, point = problem.windows, problem.minimise(start, 15, only_states=True).point
         predicted = simulator.simulate([which], np.zeros(1, int), windows, point.q[None], point.v[None])[0]
         for w in range(len(windows)):
             parts.append((index, windows.time[w], windows.measured[w], predicted[w]))
@@ -89,7 +89,7 @@ def refit(
     thinned = [thin(r) for r in recordings]
     samples = min(min(len(np.asarray(r.t_state)) for r in thinned), _samples(thinned[0], seconds))
     problem = Problem(simulator, cut(thinned, simulator.step, samples), np.full(simulator.model.nv, SCALE))
-    return problem.minimise(problem.start().with_effects(*effects), 25, 1e-3).point.variant
+    return problem.minimise(problem.start().with_effects(*effects), 25).point.variant
 
 
 def simulator_of(report: Report, model: mujoco.MjModel) -> Simulator:
