@@ -1,6 +1,9 @@
 """What an effect is: physics that a simulator leaves out, written down once, for simulation and for diagnosis."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Literal, Self
 
@@ -262,9 +265,22 @@ LIGHTEST = 1e-4
 """Inertia of a rotor, kg m^2, below which it follows its joint."""
 
 
+_FUNCTIONS: ContextVar[Any] = ContextVar("functions", default=None)
+
+
+@contextmanager
+def using(module: Any) -> Iterator[None]:
+    """Compute with the functions of another module than that of the arrays, while a compiler traces effects."""
+    token = _FUNCTIONS.set(module)
+    try:
+        yield
+    finally:
+        _FUNCTIONS.reset(token)
+
+
 def functions(x: Any) -> Any:
-    """Module with the functions for an array: NumPy's, or those of a compiler that an effect is traced by."""
-    return x.__array_namespace__()
+    """Module with the functions for an array, NumPy for its own; see `using`."""
+    return _FUNCTIONS.get() or x.__array_namespace__()
 
 
 def smooth_sign(speed: Array) -> Array:

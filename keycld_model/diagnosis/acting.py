@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import EFFECTS, BaseMotion, Effect, HystereticFriction, LoadDependentFriction, ParameterDrift
-from keycld_envs.effects.base import JointEffect, TransmissionEffect, smooth_sign
-from keycld_model.diagnosis.scalars import sine_and_cosine
+from keycld_envs.effects.base import JointEffect, TransmissionEffect, smooth_sign, using
+from keycld_model.diagnosis.scalars import Quick
 from keycld_model.diagnosis.smooth_force import Features, ResidualForce
 
 Array = NDArray[np.float64]
@@ -162,12 +162,13 @@ class Acting:
     def surroundings(self, bodies: Any, gravity: Any, t: Any) -> tuple[Any, list[Any]]:
         """Numbers of bodies `[nb, 10, N]` and gravity, at times `[N]`."""
         gravity = list(gravity)
-        for slot, effect in self.effects:
-            if isinstance(effect, BaseMotion):
-                gravity[slot.at] = gravity[slot.at] - effect.acceleration(t)
-            elif isinstance(effect, ParameterDrift):
-                heavy = jnp.array([0, 4, 5, 6])  # mass and moments of inertia
-                bodies = bodies.at[slot.at, heavy].multiply(effect.factor(t))
+        with using(Quick()):
+            for slot, effect in self.effects:
+                if isinstance(effect, BaseMotion):
+                    gravity[slot.at] = gravity[slot.at] - effect.acceleration(t)
+                elif isinstance(effect, ParameterDrift):
+                    heavy = jnp.array([0, 4, 5, 6])  # mass and moments of inertia
+                    bodies = bodies.at[slot.at, heavy].multiply(effect.factor(t))
         return bodies, gravity
 
     def forces(
@@ -193,22 +194,23 @@ class Acting:
             load: force in the bearing of a joint, `[N]`.
             h: s.
         """
-        force, left, memories = [jnp.zeros_like(x) for x in v], list(memories), []
-        if self.smooth is not None:
-            features, weights = self.smooth
-            force = list((features.evaluate(q.T, v.T, u.T, lambda x: sine_and_cosine(x)[1]) @ weights).T)
-        for slot, effect in self.effects:
-            at, push = slot.at, None
-            if isinstance(effect, HystereticFriction):
-                push, memory = effect.rub(left.pop(0), v[at], h)
-                memories.append(memory)
-            elif isinstance(effect, TransmissionEffect):
-                push, memory = effect.transmit(left.pop(0), motor(slot.motor), v[at], h)
-                memories.append(memory)
-            elif isinstance(effect, LoadDependentFriction):
-                push = -effect.mu * load(at) * smooth_sign(v[at])
-            elif isinstance(effect, JointEffect):
-                push = effect.torque(t, q[at], v[at])
-            if push is not None:
-                force[at] = force[at] + push
+        with using(Quick()):
+            force, left, memories = [jnp.zeros_like(x) for x in v], list(memories), []
+            if self.smooth is not None:
+                features, weights = self.smooth
+                force = list((features(q.T, v.T, u.T) @ weights).T)
+            for slot, effect in self.effects:
+                at, push = slot.at, None
+                if isinstance(effect, HystereticFriction):
+                    push, memory = effect.rub(left.pop(0), v[at], h)
+                    memories.append(memory)
+                elif isinstance(effect, TransmissionEffect):
+                    push, memory = effect.transmit(left.pop(0), motor(slot.motor), v[at], h)
+                    memories.append(memory)
+                elif isinstance(effect, LoadDependentFriction):
+                    push = -effect.mu * load(at) * smooth_sign(v[at])
+                elif isinstance(effect, JointEffect):
+                    push = effect.torque(t, q[at], v[at])
+                if push is not None:
+                    force[at] = force[at] + push
         return jnp.stack(force), memories

@@ -1,6 +1,5 @@
 """A force without a name: a smooth function of the joints' state."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -48,16 +47,12 @@ class Features:
         phase = rng.uniform(0, 2 * np.pi, frequency.shape[1])
         return cls(hinge, flat.mean(axis=0), flat.std(axis=0) + 1e-9, frequency, phase)
 
-    def __call__(self, q: Array, v: Array, u: Array) -> Array:
+    def __call__(self, q: Any, v: Any, u: Any) -> Any:
         """`[..., 1 + d + k]`: one, the inputs, and random cosines."""
-        return self.evaluate(q, v, u, np.cos)
-
-    def evaluate(self, q: Any, v: Any, u: Any, cosine: Callable[[Any], Any]) -> Any:
-        """The same, with a cosine of one's own."""
         xp, number = functions(q), self.frequency.shape[1]
         z = xp.clip((_inputs(self.hinge, q, v, u)[0] - self.middle) / self.spread, -4, 4)
         size = np.where(np.arange(number) < number - COMMON, np.sqrt(2 / OWN), np.sqrt(2 / COMMON))
-        waves = cosine(z @ self.frequency + self.phase) * size
+        waves = xp.cos(z @ self.frequency + self.phase) * size
         return xp.concatenate([xp.ones((*z.shape[:-1], 1)), z, waves], axis=-1)
 
     def precision(self, ridge: float, coupling: float) -> Array:
