@@ -212,10 +212,14 @@ class TransmissionEffect(ActuatorEffect):
         self, model: mujoco.MjModel, memory: Array, t: Array, q: Array, v: Array, u: Array, h: float
     ) -> tuple[Array, Array]:
         """What reaches the joint in place of the motor's torque; the joint's speed is constant over the step."""
-        i, dof, out = int(model.actuator(self.where).id), self.dof(model), np.zeros_like(v)
-        motor = model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0] * u[..., i]
+        dof, out, motor = self.dof(model), np.zeros_like(v), self.motor_torque(model, u)
         out[..., dof], (twist, speed) = self.transmit((memory[..., 0], memory[..., 1]), motor, v[..., dof], h)
         return out, np.stack([twist, speed], axis=-1)
+
+    def motor_torque(self, model: mujoco.MjModel, u: Array) -> Array:
+        """Of the actuator, in joint coordinates, for commands `[..., nu]`."""
+        i = int(model.actuator(self.where).id)
+        return model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0] * u[..., i]
 
     def transmit(self, memory: tuple[Array, Array], motor: Array, speed: Array, h: float) -> tuple[Array, Any]:
         """What reaches the joint less the motor's torque, and the memory; all `[...]`."""

@@ -1,23 +1,33 @@
 """A stop that the joint runs into."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import mujoco
 
 from keycld_envs.effects.base import Array, JointEffect, functions, parameter
 
 
 @dataclass(frozen=True)
 class EndStop(JointEffect):
-    """A one-sided spring beyond `at`, towards the side."""
+    """A one-sided spring and damper beyond `at`, towards the side; it pushes back, and never pulls."""
 
     id: ClassVar[str] = "end_stop"
     family: ClassVar[str] = "structure"
-    equation: ClassVar[str] = "tau = -k*max(0, side*(q - at))*side"
+    equation: ClassVar[str] = "tau = -side*max(0, k*x + d*side*qd), x = side*(q - at)"
 
     k: float = parameter("N m/rad", 0.5, low=0.0)
-    at: float = parameter("rad", 0.02, grid=(-2.0, -1.0, -0.5, 0.5, 1.0, 2.0))
+    d: float = parameter("N m s/rad", 0.02, low=0.0)
+    at: float = parameter("rad", 0.02, grid=tuple(0.5 * n for n in range(-7, 8)))
     side: float = 1.0
 
+    @classmethod
+    def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
+        """At either end of every joint."""
+        return tuple(replace(stop, side=side) for stop in super().candidates(model) for side in (1.0, -1.0))
+
     def torque(self, t: Array, q: Array, v: Array) -> Array:
-        """A spring while pressed."""
-        return -self.k * functions(q).maximum(0.0, self.side * (q - self.at)) * self.side
+        """Pushes back while pressed."""
+        xp, depth = functions(q), self.side * (q - self.at)
+        push = xp.maximum(0.0, self.k * depth + self.d * self.side * v)
+        return xp.where(depth > 0, -self.side * push, 0.0)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
@@ -70,11 +71,29 @@ class Slot:
 
 
 @dataclass(frozen=True)
+class Pushing:
+    """Effects of a variant that push.
+
+    Attributes:
+        effects: in any order.
+        memories: of each at the starts of W windows, `[W, memory]`.
+    """
+
+    effects: tuple[Effect, ...] = ()
+    memories: tuple[Array, ...] = ()
+
+
+@dataclass(frozen=True)
 class Slots:
     """All of a program, and which joints turn if it has a residual force."""
 
     slots: tuple[Slot, ...] = ()
     turning: tuple[bool, ...] | None = None
+
+    @property
+    def length(self) -> int:
+        """Numbers of all effects, K."""
+        return sum(len(slot.names) for slot in self.slots)
 
     @classmethod
     def of(cls, model: mujoco.MjModel, effects: Iterable[Effect]) -> "Slots":
@@ -94,6 +113,14 @@ class Slots:
         """Those of some effects, `[K]`."""
         here = {(effect.id, effect.where): effect for effect in effects}
         return np.array([x for slot in self.slots for x in slot.numbers(here.get(slot.key, slot.absent))])
+
+    def remembered(self, pushing: Pushing, windows: int) -> Array:
+        """Memories at the starts of windows, `[W, M]`."""
+        pairs = zip(pushing.effects, pushing.memories, strict=True)
+        here = {(effect.id, effect.where): memory for effect, memory in pairs}
+        empty = np.zeros((windows, 0))
+        parts = [here.get(slot.key, np.zeros((windows, slot.absent.memory))) for slot in self.slots]
+        return np.concatenate([empty, *parts], axis=1)
 
     def acting(self, numbers: Any, smooth: tuple[Any, ...]) -> "Acting":
         """With numbers `[K, N]` and those of a residual force, while a program is traced."""
@@ -149,14 +176,14 @@ class Acting:
     effects: list[tuple[Slot, Any]]
     smooth: tuple[Features, Any] | None
 
-    def begin(self, v: Any) -> list[Any]:
-        """Memories at the start of a motion with velocities `[nv, N]`."""
-        out = []
-        for slot, effect in self.effects:
-            if isinstance(effect, HystereticFriction):
-                out.append(effect.c / effect.s * jnp.sign(v[slot.at]))
-            elif isinstance(effect, TransmissionEffect):
-                out.append((jnp.zeros_like(v[slot.at]), v[slot.at]))
+    def begin(self, memory: Any) -> list[Any]:
+        """Memories of each effect that has one, from all of them, `[M, N]`."""
+        out, at = [], 0
+        for slot, _ in self.effects:
+            size = slot.absent.memory
+            if size:
+                out.append(memory[at] if size == 1 else tuple(memory[at : at + size]))
+                at += size
         return out
 
     def surroundings(self, bodies: Any, gravity: Any, t: Any) -> tuple[Any, list[Any]]:
@@ -214,3 +241,41 @@ class Acting:
                 if push is not None:
                     force[at] = force[at] + push
         return jnp.stack(force), memories
+
+
+def memories(effects: Sequence[Any], motor: Array, speed: Array, h: float) -> Array:
+    """What effects of one kind remember along recordings, `[T + 1, V, R, memory]`.
+
+    Args:
+        effects: V of them, with a memory, at one place.
+        motor: torque of the actuator there, if any, at T steps of R recordings, `[T, V, R]`.
+        speed: of the joint there, `[T, R]`.
+        h: s per step.
+    """
+    kind, names = type(effects[0]), Slot(effects[0], 0).names
+    numbers = [np.array([[float(getattr(effect, name))] for effect in effects]) for name in names]
+    with jax.enable_x64(True):
+        return np.asarray(_along(kind, names, h)(numbers, motor, speed))
+
+
+@functools.lru_cache(maxsize=64)
+def _along(kind: type[Effect], names: tuple[str, ...], h: float) -> Any:
+    def along(numbers: Any, motor: Any, speed: Any) -> Any:
+        effect: Any = kind("", **dict(zip(names, numbers, strict=True)))
+        first = jnp.broadcast_to(speed[0], motor.shape[1:])
+
+        def step(memory: Any, now: Any) -> Any:
+            torque, v = now[0], jnp.broadcast_to(now[1], first.shape)
+            with using(Quick()):
+                if kind is HystereticFriction:
+                    memory = effect.rub(memory, v, h)[1]
+                else:
+                    memory = effect.transmit(memory, torque, v, h)[1]
+            return memory, memory
+
+        start = effect.c / effect.s * jnp.sign(first) if kind is HystereticFriction else (jnp.zeros_like(first), first)
+        after = jax.lax.scan(step, start, (motor, speed))[1]
+        path = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, after)
+        return jnp.stack(jax.tree.leaves(path), axis=-1)
+
+    return jax.jit(along)

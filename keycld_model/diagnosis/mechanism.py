@@ -17,8 +17,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.effects import Effect
-from keycld_model.diagnosis.acting import Acting, Slots, smooth_numbers
+from keycld_model.diagnosis.acting import Acting, Pushing, Slots, smooth_numbers
 from keycld_model.diagnosis.scalars import (
     Vector,
     add,
@@ -158,18 +157,20 @@ class Mechanism:
     def batch(
         self,
         models: Sequence[mujoco.MjModel],
-        effects: Sequence[Sequence[Effect]],
+        pushing: Sequence[Pushing],
         of: NDArray[np.int64],
+        window: NDArray[np.int64],
         steps: int,
     ) -> "Batch":
         """See `Rollouts`."""
-        everything = [effect for some in effects for effect in some]
-        slots = Slots.of(models[0], everything)
+        everything = [effect for some in pushing for effect in some.effects]
+        slots, windows = Slots.of(models[0], everything), int(window.max()) + 1
         rows = [
-            np.concatenate([self.numbers(model), slots.numbers(some)])
-            for model, some in zip(models, effects, strict=True)
+            np.concatenate([self.numbers(model), slots.numbers(some.effects)])
+            for model, some in zip(models, pushing, strict=True)
         ]
-        numbers = np.stack(rows)[of]
+        memory = np.stack([slots.remembered(some, windows) for some in pushing])
+        numbers = np.concatenate([np.stack(rows)[of], memory[of, window]], axis=1)
         with jax.enable_x64(True):
             chunks = [jnp.asarray(numbers[piece].T) for piece in _chunks(len(numbers), steps)]
             return Batch(slots, chunks, smooth_numbers(everything))
@@ -200,7 +201,7 @@ class Batch:
 
     Attributes:
         slots: for effects.
-        numbers: `[K, N]` of the mechanism and of effects.
+        numbers: `[K, N]` of the mechanism and of effects, and what effects remember.
         smooth: of a residual force.
     """
 
@@ -288,7 +289,7 @@ def _program(mechanism: Mechanism, slots: Slots) -> Any:
 
     def roll(numbers: Any, state: Any, control: Any, time: Any, smooth: Any) -> Any:
         own = numbers[: mechanism.length]
-        acting = slots.acting(numbers[mechanism.length :], smooth)
+        acting = slots.acting(numbers[mechanism.length : mechanism.length + slots.length], smooth)
 
         def advance(carry: Any, u: Any) -> Any:
             q, v, before, memories, t = carry
@@ -304,7 +305,9 @@ def _program(mechanism: Mechanism, slots: Slots) -> Any:
             return (*motion, v, memories, t + h), jnp.concatenate(motion)
 
         q, v = jnp.split(state, 2)
-        return jax.lax.scan(advance, (q, v, v, acting.begin(v), time), control)[1]
+        return jax.lax.scan(
+            advance, (q, v, v, acting.begin(numbers[mechanism.length + slots.length :]), time), control
+        )[1]
 
     return jax.jit(roll)
 

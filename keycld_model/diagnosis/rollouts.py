@@ -8,7 +8,7 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from keycld_envs.effects import Effect
+from keycld_model.diagnosis.acting import Pushing
 
 Array = NDArray[np.float64]
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
@@ -31,16 +31,18 @@ class Rollouts(Protocol):
     def batch(
         self,
         models: Sequence[mujoco.MjModel],
-        effects: Sequence[Sequence[Effect]],
+        pushing: Sequence[Pushing],
         of: NDArray[np.int64],
+        window: NDArray[np.int64],
         steps: int,
     ) -> Any:
         """N copies, to be run for so many steps at once.
 
         Args:
             models: of some variants.
-            effects: that push in each variant.
+            pushing: effects of each variant.
             of: `[N]` variant of each copy.
+            window: `[N]` window of each copy.
             steps: S.
         """
         ...
@@ -78,12 +80,13 @@ class MujocoRollouts:
     def batch(
         self,
         models: Sequence[mujoco.MjModel],
-        effects: Sequence[Sequence[Effect]],
+        pushing: Sequence[Pushing],
         of: NDArray[np.int64],
+        window: NDArray[np.int64],
         steps: int,
     ) -> Any:
         """See `Rollouts`; without effects."""
-        if any(effects):
+        if any(some.effects for some in pushing):
             raise ValueError("MuJoCo's rollouts know no effects; their forces must be set step by step.")
         return [models[i] for i in of]
 

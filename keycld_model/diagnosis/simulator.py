@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
+from keycld_envs.effects.base import TransmissionEffect
 from keycld_model.diagnosis import nuisance
-from keycld_model.diagnosis.acting import compiles
+from keycld_model.diagnosis.acting import Pushing, compiles, memories
 from keycld_model.diagnosis.mechanism import Mechanism
 from keycld_model.diagnosis.model_pool import ModelPool
 from keycld_model.diagnosis.nuisance import Nuisance
@@ -146,7 +147,8 @@ class Simulator:
             self._changed(model, variant)
             for model, variant in zip(self._models.take(len(variants)), variants, strict=True)
         ]
-        commands = np.stack([self._commands(variant, windows) for variant in variants])[which]
+        filtered = [self._filtered(variant, windows) for variant in variants]
+        commands = np.stack([_pieces(some, windows) for some in filtered])[which]
         forces = np.zeros((*commands.shape[:-1], self.model.nv)) if pushes is None else pushes
         if any(variant.pulses for variant in variants):
             forces = forces + np.stack([self._pushes(variant, windows) for variant in variants])[which]
@@ -154,11 +156,11 @@ class Simulator:
         path = np.empty((*start.shape[:2], windows.steps + 1, start.shape[2]))
         path[:, :, 0] = start
 
-        pushing = [[effect for effect in variant.effects if effect.forces] for variant in variants]
+        pushing = self._pushing(variants, models, filtered, windows)
 
         def run(by: Rollouts, rows: NDArray[np.int64]) -> None:
             """Step by step where effects push that are not in a program."""
-            outside = [[e for e in some if by is self._mujoco or not compiles(e)] for some in pushing]
+            outside = [[e for e in p.effects if by is self._mujoco or not compiles(e)] for p in pushing]
             stepped = np.array([bool(outside[i]) for i in which[rows]])
             for some, by_hand in ((rows[stepped], True), (rows[~stepped], False)):
                 if len(some):
@@ -186,7 +188,7 @@ class Simulator:
         self,
         by: Rollouts,
         models: Sequence[mujoco.MjModel],
-        effects: Sequence[Sequence[Effect]],
+        pushing: Sequence[Pushing],
         which: NDArray[np.int64],
         windows: Windows,
         start: Array,
@@ -198,17 +200,17 @@ class Simulator:
         `by_hand`, effects push step by step, each force held over a step at its value in the middle.
         """
         (p, w, s, _), nv, nu, h = control.shape, self.model.nv, self.model.nu, self.step
-        state, of = np.zeros((p * w, by.size)), np.repeat(which, w)
+        state, of, window = np.zeros((p * w, by.size)), np.repeat(which, w), np.tile(np.arange(w), p)
         state[:, by.motion] = start.reshape(p * w, -1)
         clock = np.tile(windows.start, p)
         if not by_hand:
-            present = [some if i in which else () for i, some in enumerate(effects)]
-            path = by.run(by.batch(models, present, of, s), state, control.reshape(p * w, s, -1), clock)
+            present = [some if i in which else Pushing() for i, some in enumerate(pushing)]
+            path = by.run(by.batch(models, present, of, window, s), state, control.reshape(p * w, s, -1), clock)
             return path[..., by.motion].reshape(p, w, s, -1)
-        out, batch = np.empty((p, w, s, 2 * nv)), by.batch(models, [()] * len(models), of, 1)
+        out, batch = np.empty((p, w, s, 2 * nv)), by.batch(models, [Pushing()] * len(models), of, window, 1)
         rows = {i: np.flatnonzero(which == i) for i in np.unique(which)}
-        acting = [(i, effect) for i in rows for effect in effects[i]]
-        memories = [effect.begin(models[i], start[rows[i], :, nv:]) for i, effect in acting]
+        acting = [(i, effect) for i in rows for effect in pushing[i].effects]
+        memories = [np.repeat(m[None], len(rows[i]), axis=0) for i in rows for m in pushing[i].memories]
         time, before = windows.start + h / 2, start[..., nv:]
         for k in range(s):
             now = state[:, by.motion].reshape(p, w, -1)
@@ -237,16 +239,56 @@ class Simulator:
             out[of, :, pulse.dof] += pulse.force * np.diff(inside, axis=1) / self.step
         return out
 
-    def _commands(self, variant: Variant, windows: Windows) -> Array:
-        """What motors get, `[W, S, nu]`."""
+    def _filtered(self, variant: Variant, windows: Windows) -> list[Array]:
+        """What motors get, per recording, `[N, nu]`."""
         filtered = list(windows.commands)
         for effect in variant.effects:
             filtered = [effect.command(self.model, u, self.step) for u in filtered]
-        out = np.empty((len(windows), windows.steps, self.model.nu))
-        for w, (r, k) in enumerate(zip(windows.recording, windows.first, strict=True)):
-            piece = filtered[r][k : k + windows.steps]
-            out[w, : len(piece)], out[w, len(piece) :] = piece, piece[-1:]
-        return out
+        return filtered
+
+    def _pushing(
+        self,
+        variants: Sequence[Variant],
+        models: Sequence[mujoco.MjModel],
+        filtered: Sequence[list[Array]],
+        windows: Windows,
+    ) -> list[Pushing]:
+        """Effects that push, and what they remember of the recordings before each window."""
+        pushing = [tuple(effect for effect in variant.effects if effect.forces) for variant in variants]
+        out = [[np.zeros((len(windows), effect.memory)) for effect in some] for some in pushing]
+        kinds: dict[tuple[str, str], list[tuple[int, int]]] = {}
+        for i, some in enumerate(pushing):
+            for e, effect in enumerate(some):
+                if effect.memory:
+                    kinds.setdefault((effect.id, effect.where), []).append((i, e))
+        if kinds:
+            longest = max(map(len, windows.commands))
+            speeds = np.stack([_padded(v, longest) for v in windows.speeds], axis=1)  # [T, R, nv]
+        for at in kinds.values():
+            effects = [pushing[i][e] for i, e in at]
+            motor = np.zeros((longest, len(at), len(windows.commands)))
+            if isinstance(effects[0], TransmissionEffect):
+                for row, (i, _) in enumerate(at):
+                    torques = [effects[row].motor_torque(models[i], u) for u in filtered[i]]
+                    motor[:, row] = np.stack([_padded(torque, longest) for torque in torques], axis=1)
+            path = memories(effects, motor, speeds[..., effects[0].dof(self.model)], self.step)
+            for row, (i, e) in enumerate(at):
+                out[i][e] = path[windows.first, row, windows.recording]
+        return [Pushing(some, tuple(memory)) for some, memory in zip(pushing, out, strict=True)]
+
+
+def _pieces(commands: Sequence[Array], windows: Windows) -> Array:
+    """What motors get in windows, `[W, S, nu]`."""
+    out = np.empty((len(windows), windows.steps, commands[0].shape[1]))
+    for w, (r, k) in enumerate(zip(windows.recording, windows.first, strict=True)):
+        piece = commands[r][k : k + windows.steps]
+        out[w, : len(piece)], out[w, len(piece) :] = piece, piece[-1:]
+    return out
+
+
+def _padded(values: Array, length: int) -> Array:
+    """With the last row again and again."""
+    return np.concatenate([values, np.repeat(values[-1:], length - len(values), axis=0)])
 
 
 def usual_forces(model: mujoco.MjModel) -> Array:

@@ -5,10 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 
 from keycld_envs.recordings import Recording
 
 Array = NDArray[np.float64]
+SMOOTH = 7
+"""Samples of a local parabola."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +21,7 @@ class Windows:
     Attributes:
         step: seconds per step of the simulation.
         commands: per recording, commands `[N, nu]` averaged over the steps of its grid.
+        speeds: per recording, roughly, velocities `[N, nv]` in the middle of those steps.
         recording: `[W]` index of the recording.
         first: `[W]` index of the first step in the recording's grid.
         start: `[W]` time of that step, s.
@@ -28,6 +32,7 @@ class Windows:
 
     step: float
     commands: tuple[Array, ...]
+    speeds: tuple[Array, ...]
     recording: NDArray[np.int64]
     first: NDArray[np.int64]
     start: Array
@@ -65,12 +70,14 @@ class Windows:
 
 def cut(recordings: Sequence[Recording], step: float, samples: int) -> Windows:
     """Cut recordings into windows of a number of samples; what is left at the end of a recording is dropped."""
-    commands, rows = [], []
+    commands, speeds, rows = [], [], []
     for index, recording in enumerate(recordings):
         t, q = np.asarray(recording.t_state), np.asarray(recording.qpos)
         origin = t[0]
         grid = int(np.ceil((t[-1] - origin) / step)) + 2
-        commands.append(average_commands(recording, origin + step * np.arange(grid + 1)))
+        edges = origin + step * np.arange(grid + 1)
+        commands.append(average_commands(recording, edges))
+        speeds.append(_speeds(t, q, (edges[1:] + edges[:-1]) / 2))
         for i in range(0, len(t) - samples + 1, samples):
             first = int((t[i] - origin) / step + 1e-6)
             piece = slice(i, i + samples)
@@ -78,7 +85,22 @@ def cut(recordings: Sequence[Recording], step: float, samples: int) -> Windows:
                 rows.append((index, first, origin + first * step, t[piece], q[piece]))
     recording, first, start, time, measured = (np.array(column) for column in zip(*rows, strict=True))
     steps = int(np.ceil((time[:, -1] - start).max() / step)) + 1
-    return Windows(step, tuple(commands), recording, first, start, time, measured, steps)
+    return Windows(step, tuple(commands), tuple(speeds), recording, first, start, time, measured, steps)
+
+
+def _speeds(t: Array, q: Array, times: Array) -> Array:
+    """Velocities `[len(times), nv]` from positions `[n, nv]`, by local parabolas (Savitzky and Golay, 1964)."""
+    even = np.linspace(t[0], t[-1], len(t))
+    out = np.empty((len(times), q.shape[1]))
+    for j, column in enumerate(q.T):
+        good = np.isfinite(column)
+        smooth = np.interp(even, t[good], column[good])
+        if len(even) >= SMOOTH:
+            slope = savgol_filter(smooth, SMOOTH, 2, deriv=1, delta=even[1] - even[0])
+        else:
+            slope = np.gradient(smooth, even)
+        out[:, j] = np.interp(times, even, slope)
+    return out
 
 
 def average_commands(recording: Recording, edges: Array) -> Array:
