@@ -42,6 +42,8 @@ CLEAR, DOUBTFUL = 10.0, 3.0
 UNKNOWN, MATERIAL = 15.0, 0.02
 """Nats, and share of what named effects gained, that a force without a name must gain on held-out recordings: its form
 is free, and may mend idealisations of theirs."""
+LEFT = 0.1
+"""Share of the misfit that named effects may leave, for them to be certain."""
 EXCLUDED = ("external_pulse",)
 """Effects that have a search of their own."""
 
@@ -102,12 +104,15 @@ def diagnose(
                 chosen, findings, nats = alone, [], 0.0
             chosen = lengthened(chosen, trial.lengthened(training))
             findings.append(unknown_of(chosen, extra / (extra + max(nats, 0.0))))
-        elif unexplained.significant and verdict == "no_mismatch":
+        elif unexplained.significant and (verdict == "no_mismatch" or unexplained.fraction > LEFT):
             verdict = "undetermined"
-        elif verdict != "no_mismatch":
+        if chosen is named and verdict != "no_mismatch":
             ceiling = alone
         nominal = replace(refitted, point=refitted.problem.start())
         rollouts = [trial.long(fit) for fit in (nominal, refitted, chosen)]
+        if rollout_error(rollouts[2]) > rollout_error(rollouts[1]):  # what is handed back is never the worse one
+            chosen, rollouts[2] = refitted, rollouts[1]
+            verdict = "undetermined" if findings else verdict
         limits = rollouts if ceiling is None else [*rollouts, trial.long(ceiling)]
         errors = FitErrors(
             f"root mean square of rollouts over {trial.seconds:.2g} s with fitted initial states",

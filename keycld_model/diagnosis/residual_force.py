@@ -28,6 +28,8 @@ TOLERANCE = 0.5
 """Nats that a round must gain for another one."""
 CHOICES = 2
 """Times that features and their prior are chosen."""
+FAR, SHORTER = 30.0, 4
+"""Variance over the sensor's from which windows are first cut into so many."""
 SETTLE = 12
 """Gauss-Newton steps of initial states of longer windows."""
 
@@ -36,8 +38,18 @@ def fit_residual_force(fit: Fit, rounds: int = ROUNDS, seed: int = 0) -> Fit:
     """Add the force that explains most of what a fit leaves, nuisances refitted beside it.
 
     Of several widths and priors the most probable are taken; again near the end, where rollouts are nearly linear in
-    the force.
+    the force. Where they are far from that, the force is first fitted on shorter windows.
     """
+    if fit.chi_square > FAR:
+        short = replace(fit.problem, windows=fit.problem.windows.shorter(SHORTER))
+        near = replay(fit.problem, _added(replay(short, fit), rounds, seed), SETTLE)
+        descended = _descend(near, rounds)
+        return descended if descended.cost < fit.cost else fit
+    return _added(fit, rounds, seed)
+
+
+def _added(fit: Fit, rounds: int, seed: int) -> Fit:
+    """With a force, fitted from none."""
     model, paths = fit.problem.simulator.model, _paths(fit)
     hinge = np.array([model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in range(model.njnt)])
     drawn = [Features.draw(hinge, *paths, width, seed) for width in WIDTHS]

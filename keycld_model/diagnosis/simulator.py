@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -265,7 +266,7 @@ class Simulator:
             longest = max(map(len, windows.commands))
             speeds = np.stack([_padded(v, longest) for v in windows.speeds], axis=1)  # [T, R, nv]
         for at in kinds.values():
-            effects = [pushing[i][e] for i, e in at]
+            effects: list[Any] = [pushing[i][e] for i, e in at]
             motor = np.zeros((longest, len(at), len(windows.commands)))
             if isinstance(effects[0], TransmissionEffect):
                 for row, (i, _) in enumerate(at):

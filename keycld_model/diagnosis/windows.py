@@ -57,6 +57,27 @@ class Windows:
         per_window = ("recording", "first", "start", "time", "measured")
         return replace(self, **{name: getattr(self, name)[index] for name in per_window})
 
+    def shorter(self, parts: int) -> "Windows":
+        """Each cut into so many."""
+        samples = self.time.shape[1] // parts
+        pieces = [slice(k * samples, (k + 1) * samples) for k in range(parts)]
+        time, measured = (np.concatenate([x[:, p] for p in pieces]) for x in (self.time, self.measured))
+        recording, first, start = (np.tile(x, parts) for x in (self.recording, self.first, self.start))
+        skipped = ((time[:, 0] - start) / self.step + 1e-6).astype(int)
+        start = start + skipped * self.step
+        seen = (np.isfinite(measured).sum(axis=1) >= max(4, samples // 2)).all(axis=1)
+        steps = int(np.ceil((time[:, -1] - start).max() / self.step)) + 1
+        whole = replace(
+            self,
+            recording=recording,
+            first=first + skipped,
+            start=start,
+            time=time,
+            measured=measured,
+            steps=steps,
+        )
+        return whole.take(np.flatnonzero(seen))
+
     def initial_states(self) -> tuple[Array, Array]:
         """Positions and velocities `[W, nv]` at the start, from a quadratic through the first samples."""
         q, v = np.zeros((2, len(self), self.measured.shape[2]))
@@ -96,7 +117,7 @@ def _speeds(t: Array, q: Array, times: Array) -> Array:
         good = np.isfinite(column)
         smooth = np.interp(even, t[good], column[good])
         if len(even) >= SMOOTH:
-            slope = savgol_filter(smooth, SMOOTH, 2, deriv=1, delta=even[1] - even[0])
+            slope = np.asarray(savgol_filter(smooth, SMOOTH, 2, deriv=1, delta=float(even[1] - even[0])), dtype=float)
         else:
             slope = np.gradient(smooth, even)
         out[:, j] = np.interp(times, even, slope)
