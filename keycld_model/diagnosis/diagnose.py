@@ -40,8 +40,8 @@ HORIZON = 4
 CLEAR, DOUBTFUL = 10.0, 3.0
 """Nats that findings must gain, with their numbers paid for, to be certain, and to be mentioned."""
 UNKNOWN, MATERIAL = 15.0, 0.02
-"""Nats, and share of what named effects gained, that a force without a name must gain on held-out recordings: its form
-is free, and may mend idealisations of theirs."""
+"""Nats that a force without a name must gain on held-out recordings, and share of what named effects gained if it
+stands beside them: its form is free, and may mend idealisations of theirs."""
 LEFT = 0.1
 """Share of the misfit that named effects may leave, for them to be certain."""
 EXCLUDED = ("external_pulse",)
@@ -96,11 +96,12 @@ def diagnose(
         alone = fit_residual_force(refitted, rounds)
         smooth = fit_residual_force(named, rounds) if named.effects or named.point.variant.pulses else alone
         beside, without = (likelihood(trial.short(fit)) for fit in (smooth, alone))
-        temper = min(search.temper, misfit(smooth), misfit(alone))
-        extra, chosen, ceiling = (max(beside, without) - likelihood(shown)) / temper, named, None
-        if extra > max(UNKNOWN, MATERIAL * nats):
+        temper, without_force = min(search.temper, misfit(smooth), misfit(alone)), likelihood(shown)
+        extra, chosen, ceiling = (max(beside, without) - without_force) / temper, named, None
+        instead = without > max(without_force + UNKNOWN * temper, beside - UNKNOWN * temper)
+        if instead or extra > max(UNKNOWN, MATERIAL * nats):
             chosen, verdict = smooth, "mismatch"
-            if without > beside - UNKNOWN * temper:  # named effects stood for a part of it
+            if instead:  # named effects stood for a part of it
                 chosen, findings, nats = alone, [], 0.0
             chosen = lengthened(chosen, trial.lengthened(training))
             findings.append(unknown_of(chosen, extra / (extra + max(nats, 0.0))))

@@ -40,28 +40,28 @@ def fit_residual_force(fit: Fit, rounds: int = ROUNDS, seed: int = 0) -> Fit:
     Of several widths and priors the most probable are taken; again near the end, where rollouts are nearly linear in
     the force. Where they are far from that, the force is first fitted on shorter windows.
     """
+    start = fit
     if fit.chi_square > FAR:
         short = replace(fit.problem, windows=fit.problem.windows.shorter(SHORTER))
-        near = replay(fit.problem, _added(replay(short, fit), rounds, seed), SETTLE)
-        descended = _descend(near, rounds)
-        return descended if descended.cost < fit.cost else fit
-    return _added(fit, rounds, seed)
+        start = replay(fit.problem, _added(replay(short, fit), fit.effects, rounds, seed), SETTLE)
+    best = _added(start, fit.effects, rounds, seed)
+    return best if best.cost < fit.cost else fit
 
 
-def _added(fit: Fit, rounds: int, seed: int) -> Fit:
-    """With a force, fitted from none."""
-    model, paths = fit.problem.simulator.model, _paths(fit)
+def _added(start: Fit, named: Sequence[Effect], rounds: int, seed: int) -> Fit:
+    """With a force beside named effects, fitted from a start that may have one."""
+    model, paths = start.problem.simulator.model, _paths(start)
     hinge = np.array([model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in range(model.njnt)])
     drawn = [Features.draw(hinge, *paths, width, seed) for width in WIDTHS]
     none = np.zeros((drawn[0](*paths).shape[-1], model.nv))
     priors = [(ridge, coupling) for ridge in RIDGES for coupling in COUPLINGS]
     choices = [ResidualForce("", f, none, f.precision(*prior)) for f in drawn for prior in priors]
-    best = fit
+    best = start
     for _ in range(CHOICES):
         normal = _Normal.at(best)
         force = choices[int(normal.evidence(choices).argmax())]
         weights, values = normal.solve(force)
-        new = _descend(_moved(best, fit.effects, replace(force, weights=weights), values), rounds)
+        new = _descend(_moved(best, named, replace(force, weights=weights), values), rounds)
         if new.cost > best.cost - TOLERANCE:
             break
         best = new
