@@ -11,19 +11,25 @@ from keycld_envs.effects.base import Array, JointEffect, functions, parameter
 
 @dataclass(frozen=True)
 class HystereticFriction(JointEffect):
-    """Bristles that bend before they slip (LuGre; Canudas de Wit et al., 1995). Memory: their deflection."""
+    """Bristles that bend before they slip (LuGre; Canudas de Wit et al., 1995). Memory: their deflection.
+
+    They slip at c, of more the slower: c + extra at rest. Friction that grows with speed is viscous friction.
+    """
 
     id: ClassVar[str] = "hysteretic_friction"
     family: ClassVar[str] = "dissipation"
-    equation: ClassVar[str] = "tau = -s*z, dz/dt = qd - s*|qd|*z/c"
+    equation: ClassVar[str] = "tau = -(s*z + d*dz/dt), dz/dt = qd - s*|qd|*z/(c + extra*exp(-(qd/vs)^2))"
     memory: ClassVar[int] = 1
 
     c: float = parameter("N m", 0.02, low=0.0)
+    extra: float = parameter("N m", 0.02, low=0.0)
+    d: float = parameter("N m s/rad", 0.02, low=0.0)
     s: float = parameter("N m/rad", 0.2, low=0.1, high=500.0, grid=(1.0, 4.0, 16.0))
+    vs: float = parameter("rad/s", 0.1, low=0.05, high=5.0, grid=(0.3, 1.0))
 
     def begin(self, model: mujoco.MjModel, v: Array) -> Array:
         """Slipping."""
-        return self.c / self.s * np.sign(v[..., self.dof(model), None])
+        return self.slipping(v[..., self.dof(model), None])
 
     def advance(
         self, model: mujoco.MjModel, memory: Array, t: Array, q: Array, v: Array, u: Array, h: float
@@ -33,12 +39,17 @@ class HystereticFriction(JointEffect):
         out[..., dof], bent = self.rub(memory[..., 0], v[..., dof], h)
         return out, bent[..., None]
 
-    def rub(self, bent: Array, speed: Array, h: float) -> tuple[Array, Array]:
-        """Mean torque and deflection after a step at constant speed, exact; all `[...]`."""
+    def slipping(self, speed: Array) -> Array:
+        """Deflection of bristles that slip, rad, at speeds `[...]`."""
         xp = functions(speed)
-        there = xp.asarray(self.c > 0)
-        c = xp.where(there, self.c, 1.0)
-        steady = c / self.s * xp.sign(speed)
-        decay = xp.maximum(self.s * abs(speed) * h / c, 1e-9)
-        torque = -self.s * (steady + (bent - steady) * -xp.expm1(-decay) / decay)
-        return xp.where(there, torque, 0.0), xp.where(there, steady + (bent - steady) * xp.exp(-decay), bent)
+        return (self.c + self.extra * xp.exp(-((speed / self.vs) ** 2))) / self.s * xp.sign(speed)
+
+    def rub(self, bent: Array, speed: Array, h: float) -> tuple[Array, Array]:
+        """Mean torque and deflection after a step at constant speed; all `[...]`."""
+        xp, steady = functions(speed), self.slipping(speed)
+        there = xp.asarray(self.c + self.extra > 0)
+        decay = xp.maximum(h * abs(speed) / xp.where(abs(steady) > 0, abs(steady), 1.0), 1e-9)
+        after = steady + (bent - steady) * xp.exp(-decay)
+        mean = steady + (bent - steady) * -xp.expm1(-decay) / decay
+        torque = -self.s * mean - self.d * (after - bent) / h
+        return xp.where(there, torque, 0.0), xp.where(there, after, bent)

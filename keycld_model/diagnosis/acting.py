@@ -273,7 +273,7 @@ def _along(kind: type[Effect], names: tuple[str, ...], h: float) -> Any:
                     memory = effect.transmit(memory, torque, v, h)[1]
             return memory, memory
 
-        start = effect.c / effect.s * jnp.sign(first) if kind is HystereticFriction else (jnp.zeros_like(first), first)
+        start = effect.slipping(first) if kind is HystereticFriction else (jnp.zeros_like(first), first)
         after = jax.lax.scan(step, start, (motor, speed))[1]
         path = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, after)
         return jnp.stack(jax.tree.leaves(path), axis=-1)
