@@ -1,11 +1,18 @@
-"""The Python examples in README.md and docs/*.md are tests; each document runs in an empty folder."""
+"""The Python examples in README.md and docs/*.md are tests; each document runs in an empty folder.
+
+What JAX compiles is kept between test processes and runs, in `.pytest_cache`.
+"""
 
 import os
 import tempfile
+from pathlib import Path
 from typing import Any
 
 from sybil import Sybil
 from sybil.parsers.markdown import PythonCodeBlockParser, SkipParser
+
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent / ".pytest_cache" / "jax"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 
 
 def enter_empty_folder(namespace: dict[str, Any]) -> None:
