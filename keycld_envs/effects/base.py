@@ -1,7 +1,7 @@
 """What an effect is: physics that a simulator leaves out, written down once, for simulation and for diagnosis."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, fields
@@ -223,15 +223,18 @@ class TransmissionEffect(ActuatorEffect):
 
     def transmit(self, memory: tuple[Array, Array], motor: Array, speed: Array, h: float) -> tuple[Array, Any]:
         """What reaches the joint less the motor's torque, and the memory; all `[...]`."""
-        xp, (twist, turning), dt = functions(speed), memory, h / self.substeps
+        xp, dt = functions(speed), h / self.substeps
         heavy = xp.asarray(self.rotor >= LIGHTEST)
-        rotor = xp.where(heavy, self.rotor, 1.0)
-        total = xp.zeros_like(motor)
-        for _ in range(self.substeps):
+        gain = dt / xp.where(heavy, self.rotor, 1.0)
+
+        def substep(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            twist, turning, total = state
             torque = self.coupling(twist, turning - speed)
-            total = total + torque
-            turning = turning + dt * (motor - torque) / rotor
-            twist = twist + dt * (turning - speed)
+            turning = turning + gain * (motor - torque)
+            return twist + dt * (turning - speed), turning, total + torque
+
+        start = memory[0], memory[1], xp.zeros_like(motor)
+        twist, turning, total = repeated(self.substeps, substep, start, speed)
         force = xp.where(heavy, total / self.substeps - motor, 0.0)
         return force, (xp.where(heavy, twist, memory[0]), xp.where(heavy, turning, memory[1]))
 
@@ -285,6 +288,16 @@ def using(module: Any) -> Iterator[None]:
 def functions(x: Any) -> Any:
     """Module with the functions for an array, NumPy for its own; see `using`."""
     return _FUNCTIONS.get() or x.__array_namespace__()
+
+
+def repeated(number: int, step: Callable[[Any], Any], state: Any, x: Any) -> Any:
+    """A state after so many steps, with the loop of the module that computes with x; see `functions`."""
+    loop = getattr(functions(x), "repeated", None)
+    if loop is not None:
+        return loop(number, step, state)
+    for _ in range(number):
+        state = step(state)
+    return state
 
 
 def smooth_sign(speed: Array) -> Array:

@@ -48,7 +48,7 @@ class HystereticFriction(JointEffect):
         """Mean torque and deflection after a step at constant speed; all `[...]`."""
         xp, steady = functions(speed), self.slipping(speed)
         there = xp.asarray(self.c + self.extra > 0)
-        decay = xp.maximum(h * abs(speed) / xp.where(abs(steady) > 0, abs(steady), 1.0), 1e-9)
+        decay = xp.maximum(h * abs(speed) / xp.maximum(abs(steady), 1e-12), 1e-9)
         after = steady + (bent - steady) * xp.exp(-decay)
         mean = steady + (bent - steady) * -xp.expm1(-decay) / decay
         torque = -self.s * mean - self.d * (after - bent) / h

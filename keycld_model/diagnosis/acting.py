@@ -37,6 +37,10 @@ HEAVY = tuple(kind for kind in EFFECTS.values() if issubclass(kind, Transmission
 """In a program only if some variant has them."""
 
 
+SHAPE = 256, 16, 8
+"""Steps, variants and recordings are filled up to multiples of these where memories are computed."""
+
+
 @dataclass(frozen=True)
 class Slot:
     """Where an effect can be.
@@ -253,9 +257,14 @@ def memories(effects: Sequence[Any], motor: Array, speed: Array, h: float) -> Ar
         h: s per step.
     """
     kind, names = type(effects[0]), Slot(effects[0], 0).names
-    numbers = [np.array([[float(getattr(effect, name))] for effect in effects]) for name in names]
+    steps, variants, recordings = motor.shape
+    rows = [*effects, *[effects[0]] * (-variants % SHAPE[1])]  # few shapes, for each is compiled
+    numbers = [np.array([[float(getattr(effect, name))] for effect in rows]) for name in names]
+    more = -steps % SHAPE[0], len(rows) - variants, -recordings % SHAPE[2]
+    motor = np.pad(motor, [(0, m) for m in more])
+    speed = np.pad(speed, [(0, more[0]), (0, more[2])])
     with jax.enable_x64(True):
-        return np.asarray(_along(kind, names, h)(numbers, motor, speed))
+        return np.asarray(_along(kind, names, h)(numbers, motor, speed))[: steps + 1, :variants, :recordings]
 
 
 @functools.lru_cache(maxsize=64)

@@ -6,6 +6,7 @@ The numbers 0.0 and 1.0 as Python floats are exactly that, and never get into a 
 import math
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 
 Vector = tuple[Any, Any, Any]
@@ -129,6 +130,11 @@ class Quick:
     def tanh(x: Any) -> Any:
         """Hyperbolic tangent."""
         return 1 - 2 / (jnp.exp(2 * x) + 1)
+
+    @staticmethod
+    def repeated(number: int, step: Any, state: Any) -> Any:
+        """A loop that is compiled once."""
+        return jax.lax.fori_loop(0, number, lambda _, now: step(now), state)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(jnp, name)
