@@ -1,5 +1,6 @@
 """What an effect is: physics that a simulator leaves out, written down once, for simulation and for diagnosis."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -303,6 +304,11 @@ def repeated(number: int, step: Callable[[Any], Any], state: Any, x: Any) -> Any
 def smooth_sign(speed: Array) -> Array:
     """Sign of a speed (rad/s or m/s), continuous through zero."""
     return functions(speed).tanh(speed / 0.02)
+
+
+def flat(x: Array) -> Array:
+    """`[..., n]` as `[N, n]`, also of no numbers: a model may have no motors."""
+    return x.reshape(math.prod(x.shape[:-1]), x.shape[-1])
 
 
 def add_friction(model: mujoco.MjModel, dof: int, loss: float) -> None:

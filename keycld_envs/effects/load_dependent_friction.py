@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, parameter, smooth_sign
+from keycld_envs.effects.base import Array, JointEffect, flat, parameter, smooth_sign
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class LoadDependentFriction(JointEffect):
         joint = model.joint(self.where)
         body, slides = int(joint.bodyid[0]), joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE
         data, shape = mujoco.MjData(model), v.shape[:-1]
-        rows = zip(*(x.reshape(-1, x.shape[-1]) for x in (q, v, u)), strict=True)
+        rows = zip(*(flat(x) for x in (q, v, u)), strict=True)
         out = []
         for position, velocity, command in rows:
             data.qpos[:], data.qvel[:], data.ctrl[:] = position, velocity, command

@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, Effect, functions, parameter
+from keycld_envs.effects.base import Array, Effect, flat, functions, parameter
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,10 @@ class ParameterDrift(Effect):
             return np.zeros_like(v)
         body, data = model.body(self.where).id, mujoco.MjData(model)
         mass, inertia = float(model.body_mass[body]), model.body_inertia[body].copy()
-        flat = [x.reshape(-1, x.shape[-1]) for x in (q, v, u)]
-        out = np.zeros((len(flat[0]), model.nv))
+        states = [flat(x) for x in (q, v, u)]
+        out = np.zeros((len(states[0]), model.nv))
         times = np.broadcast_to(t, v.shape[:-1]).ravel()
-        for row, time, position, velocity, command in zip(out, times, *flat, strict=True):
+        for row, time, position, velocity, command in zip(out, times, *states, strict=True):
             data.qpos[:], data.qvel[:], data.ctrl[:] = position, velocity, command
             factor = self.factor(np.asarray(time))
             model.body_mass[body], model.body_inertia[body] = factor * mass, factor * inertia

@@ -216,3 +216,23 @@ def test_a_moving_base_pulls_as_gravity_does(system, axis):
         data.qpos[:] = rng.normal(0, 2, model.nq)
         mujoco.mj_forward(model, data)
         np.testing.assert_allclose(weight(model, axis, data.qpos), -data.qfrc_bias, atol=1e-12)
+
+
+ROD = """
+<mujoco>
+  <worldbody>
+    <body name="rod"><joint name="pin" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.02"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda effect: effect.id)
+def test_mechanisms_without_motors_have_effects_too(effect):
+    model = mujoco.MjModel.from_xml_string(ROD)
+    for absent in effect.candidates(model):
+        changes = {p.name: p.grid[0] if p.grid else p.absent + p.scale for p in effect.parameters()}
+        present = type(absent)(absent.where, **changes)
+        t, q, v = np.linspace(0, 1, 12).reshape(3, 4), np.full((3, 4, 1), 0.4), np.full((3, 4, 1), 1.5)
+        force, _ = present.advance(model, present.begin(model, v), t, q, v, np.zeros((3, 4, 0)), 0.01)
+        assert force.shape == v.shape and np.isfinite(force).all()
