@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.effects import EFFECTS, Effect
+from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.fit import Point, Problem
 from keycld_model.diagnosis.prepare import thin
@@ -44,18 +44,13 @@ class Rollouts:
 
 
 def variant(report: Report, simulator: Simulator, *, findings: bool) -> Variant:
-    """The simulator as refitted, with or without the findings."""
+    """The simulator with the nuisances of the correction, with or without its effects."""
     values = [
         value if nuisance.kind == "zero" else float(np.log(value))
         for nuisance in simulator.nuisances
         for value in [report.nuisance[nuisance.name].value]
     ]
-    effects: list[Effect] = [
-        EFFECTS[f.effect](f.where["name"], **{name: e.value for name, e in f.parameters.items()})
-        for f in report.findings
-        if findings and f.effect in EFFECTS
-    ]
-    return Variant(np.array(values), tuple(effects))
+    return Variant(np.array(values), report.evidence.effects if findings and report.evidence is not None else ())
 
 
 def roll(simulator: Simulator, which: Variant, recordings: Sequence[Recording], seconds: float) -> Rollouts:
