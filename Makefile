@@ -19,7 +19,7 @@ demo: libraries .venv/.keycld opengl
 	$(BIN)/keycld demo
 
 test: libraries .venv/.keycld-dev opengl
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadfile # by file: examples of a document build on each other
 
 lint: .venv/.keycld-dev
 	$(BIN)/ruff check .
