@@ -14,7 +14,7 @@ from rich.table import Table
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.acting import Pushing
 from keycld_model.diagnosis.mechanism import Mechanism
-from keycld_model.diagnosis.rollouts import MujocoRollouts, Rollouts
+from keycld_model.diagnosis.rollouts import Copies, MujocoRollouts, Rollouts
 
 ROLLOUTS, STEPS = 1024, 40
 
@@ -22,7 +22,8 @@ ROLLOUTS, STEPS = 1024, 40
 def seconds(by: Rollouts, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray, repeats: int) -> list[float]:
     """Of rollouts of all states, after one that does not count."""
     one = np.zeros(len(state), int)
-    batch, whole = by.batch([model], [Pushing()], one, one, control.shape[1]), np.zeros((len(state), by.size))
+    batch = by.batch(Copies([model], [Pushing()], one, one), control.shape[1])
+    whole = np.zeros((len(state), by.size))
     whole[:, by.motion] = state
     out = []
     for _ in range(repeats + 1):

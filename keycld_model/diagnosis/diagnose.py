@@ -26,7 +26,7 @@ from keycld_model.diagnosis.noise import noise
 from keycld_model.diagnosis.prepare import SAMPLES, split, thin
 from keycld_model.diagnosis.pulses import concentrated, paid, pushed
 from keycld_model.diagnosis.report import FitErrors, Report, Verdict
-from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force, lengthened
+from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force, lengthened, residual_force_of
 from keycld_model.diagnosis.search import Scored, Search, misfit
 from keycld_model.diagnosis.simulator import Simulator
 from keycld_model.diagnosis.windows import cut
@@ -95,7 +95,9 @@ def diagnose(
         rounds = ROUNDS if unexplained.significant else 2
         alone = fit_residual_force(refitted, rounds)
         smooth = fit_residual_force(named, rounds) if named.effects or named.point.variant.pulses else alone
-        beside, without = (likelihood(trial.short(fit)) for fit in (smooth, alone))
+        beside, without = (
+            likelihood(trial.short(fit)) if residual_force_of(fit) else -np.inf for fit in (smooth, alone)
+        )
         temper, without_force = min(search.temper, misfit(smooth), misfit(alone)), likelihood(shown)
         extra, chosen, ceiling = (max(beside, without) - without_force) / temper, named, None
         instead = without > max(without_force + UNKNOWN * temper, beside - UNKNOWN * temper)

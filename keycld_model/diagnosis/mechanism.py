@@ -9,7 +9,7 @@ that what is zero by construction costs nothing.
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_model.diagnosis.acting import Acting, Pushing, Slots, smooth_numbers
+from keycld_model.diagnosis.acting import Slots, smooth_numbers
+from keycld_model.diagnosis.rollouts import Copies
 from keycld_model.diagnosis.scalars import (
     Vector,
     add,
@@ -154,23 +155,16 @@ class Mechanism:
         """Where positions and velocities are in it."""
         return slice(0, self.size)
 
-    def batch(
-        self,
-        models: Sequence[mujoco.MjModel],
-        pushing: Sequence[Pushing],
-        of: NDArray[np.int64],
-        window: NDArray[np.int64],
-        steps: int,
-    ) -> "Batch":
+    def batch(self, copies: Copies, steps: int) -> "Batch":
         """See `Rollouts`."""
-        everything = [effect for some in pushing for effect in some.effects]
-        slots, windows = Slots.of(models[0], everything), int(window.max()) + 1
+        everything = [effect for some in copies.pushing for effect in some.effects]
+        slots, windows = Slots.of(copies.models[0], everything), int(copies.window.max()) + 1
         rows = [
             np.concatenate([self.numbers(model), slots.numbers(some.effects)])
-            for model, some in zip(models, pushing, strict=True)
+            for model, some in zip(copies.models, copies.pushing, strict=True)
         ]
-        memory = np.stack([slots.remembered(some, windows) for some in pushing])
-        numbers = np.concatenate([np.stack(rows)[of], memory[of, window]], axis=1)
+        memory = np.stack([slots.remembered(some, windows) for some in copies.pushing])
+        numbers = np.concatenate([np.stack(rows)[copies.of], memory[copies.of, copies.window]], axis=1)
         with jax.enable_x64(True):
             chunks = [jnp.asarray(numbers[piece].T) for piece in _chunks(len(numbers), steps)]
             return Batch(slots, chunks, smooth_numbers(everything))
@@ -282,14 +276,38 @@ def _programs(mechanism: Mechanism) -> Callable[[Slots], Any]:
     return functools.cache(functools.partial(_program, mechanism))
 
 
+class _Numbers(NamedTuple):
+    """What variants may change, of N rollouts.
+
+    Attributes:
+        bodies: `[nb, BODY, N]`.
+        joints: `[nv, JOINT, N]`.
+        motors: `[nu, MOTOR, N]`.
+        gravity: three times `[N]`.
+    """
+
+    bodies: Any
+    joints: Any
+    motors: Any
+    gravity: Any
+
+
+def _split(mechanism: Mechanism, numbers: Any) -> _Numbers:
+    """Of `[K, N]`."""
+    shapes = (len(mechanism.bodies), BODY), (len(mechanism.joints), JOINT), (len(mechanism.motors), MOTOR)
+    *parts, gravity = jnp.split(numbers, np.cumsum([rows * width for rows, width in shapes]))
+    bodies, joints, motors = (part.reshape(*shape, numbers.shape[1]) for part, shape in zip(parts, shapes, strict=True))
+    return _Numbers(bodies, joints, motors, tuple(gravity))
+
+
 def _program(mechanism: Mechanism, slots: Slots) -> Any:
     """For numbers `[K, N]`, states `[2 nv, N]`, control `[S, nu + nv, N]` and times `[N]`."""
     step, h = _runge_kutta if mechanism.runge_kutta else _euler, mechanism.step
     nu = len(mechanism.motors)
 
     def roll(numbers: Any, state: Any, control: Any, time: Any, smooth: Any) -> Any:
-        own = numbers[: mechanism.length]
-        acting = slots.acting(numbers[mechanism.length : mechanism.length + slots.length], smooth)
+        mine, others, memory = jnp.split(numbers, [mechanism.length, mechanism.length + slots.length])
+        own, acting = _split(mechanism, mine), slots.acting(others, smooth)
 
         def advance(carry: Any, u: Any) -> Any:
             q, v, before, memories, t = carry
@@ -297,43 +315,33 @@ def _program(mechanism: Mechanism, slots: Slots) -> Any:
             if slots.slots:
                 gain = (v - before) / h
                 half_q, half_v = q + 0.5 * h * v + 0.125 * h**2 * gain, v + 0.5 * h * gain
-                here = _surrounded(mechanism, own, acting, middle)
-                motor, load = _motors(mechanism, here, u), _loads(mechanism, own, half_q, half_v, u)
+                bodies, gravity = acting.surroundings(own.bodies, own.gravity, middle)
+                here = own._replace(bodies=bodies, gravity=gravity)
+                motor, load = _motors(here, u), _loads(mechanism, own, half_q, half_v, u)
                 force, memories = acting.forces(memories, middle, half_q, half_v, u[:nu], motor, load, h)
                 u = jnp.concatenate([u[:nu], u[nu:] + force])
             motion = step(mechanism, here, (q, v), u)
             return (*motion, v, memories, t + h), jnp.concatenate(motion)
 
         q, v = jnp.split(state, 2)
-        return jax.lax.scan(
-            advance, (q, v, v, acting.begin(numbers[mechanism.length + slots.length :]), time), control
-        )[1]
+        start = q, v, v, acting.begin(memory), time
+        return jax.lax.scan(advance, start, control)[1]
 
     return jax.jit(roll)
 
 
-def _surrounded(mechanism: Mechanism, numbers: Any, acting: Acting, t: Any) -> Any:
-    """Numbers of the mechanism at a time."""
-    end, n = len(mechanism.bodies) * BODY, numbers.shape[1]
-    bodies, gravity = acting.surroundings(numbers[:end].reshape(-1, BODY, n), numbers[-3:], t)
-    return jnp.concatenate([bodies.reshape(end, n), numbers[end:-3], jnp.stack(gravity)])
-
-
-def _motors(mechanism: Mechanism, numbers: Any, u: Any) -> Callable[[int], Any]:
+def _motors(numbers: _Numbers, u: Any) -> Callable[[int], Any]:
     """Torques of actuators that do nothing but multiply."""
-    start = len(mechanism.bodies) * BODY + len(mechanism.joints) * JOINT
-    return lambda i: numbers[start + i * MOTOR] * numbers[start + i * MOTOR + 1] * u[i]
+    return lambda i: numbers.motors[i, 0] * numbers.motors[i, 1] * u[i]
 
 
-def _loads(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any) -> Callable[[int], Any]:
+def _loads(mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any, u: Any) -> Callable[[int], Any]:
     """Forces in the bearings of joints, of a slide across its rail, without forces from outside."""
 
     def load(j: int) -> Any:
-        nu, nv, n = len(mechanism.motors), len(mechanism.joints), numbers.shape[1]
-        alone = jnp.concatenate([u[:nu], jnp.zeros((nv, n))])
+        alone = jnp.concatenate([u[: len(mechanism.motors)], jnp.zeros_like(v)])
         acceleration = _acceleration(mechanism, numbers, q, v, alone, implicit=False)
-        bodies = numbers[: len(mechanism.bodies) * BODY].reshape(-1, BODY, n)
-        _, _, moving = _mass_and_bias(mechanism, bodies, tuple(numbers[-3:]), q, v)
+        _, _, moving = _mass_and_bias(mechanism, numbers, q, v)
         beyond, force = {mechanism.bearing(j)}, (0.0, 0.0, 0.0)
         for b, body in enumerate(mechanism.bodies):
             if b in beyond or body.parent in beyond:
@@ -341,7 +349,7 @@ def _loads(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any) -> Callab
                 push, columns = moving[b]
                 force = plus(force, push)
                 for i, straight, _ in columns:
-                    force = plus(force, scaled(bodies[b, 0] * acceleration[i], straight))
+                    force = plus(force, scaled(numbers.bodies[b, 0] * acceleration[i], straight))
         if mechanism.joints[j].slides:
             axis = next(straight for i, straight, _ in moving[mechanism.bearing(j)][1] if i == j)
             force = minus(force, scaled(dot(force, axis), axis))
@@ -350,7 +358,7 @@ def _loads(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any) -> Callab
     return load
 
 
-def _runge_kutta(mechanism: Mechanism, numbers: Any, state: Any, u: Any) -> Any:
+def _runge_kutta(mechanism: Mechanism, numbers: _Numbers, state: Any, u: Any) -> Any:
     """The classical one, of fourth order."""
     h = mechanism.step
     q, v = state
@@ -368,20 +376,17 @@ def _runge_kutta(mechanism: Mechanism, numbers: Any, state: Any, u: Any) -> Any:
     return q + h * total[0], v + h * total[1]
 
 
-def _euler(mechanism: Mechanism, numbers: Any, state: Any, u: Any) -> Any:
+def _euler(mechanism: Mechanism, numbers: _Numbers, state: Any, u: Any) -> Any:
     """Semi-implicit, with implicit damping."""
     q, v = state
     v = v + mechanism.step * _acceleration(mechanism, numbers, q, v, u, implicit=True)
     return q + mechanism.step * v, v
 
 
-def _acceleration(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any, implicit: bool) -> Any:
+def _acceleration(mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any, u: Any, implicit: bool) -> Any:
     """`[nv, N]`; `implicit` in damping, as a step of Euler's needs it."""
-    nb, nv, nu, n = len(mechanism.bodies), len(mechanism.joints), len(mechanism.motors), numbers.shape[1]
-    split = np.cumsum([nb * BODY, nv * JOINT, nu * MOTOR])
-    bodies, joints, motors, gravity = (numbers[a:b] for a, b in zip([0, *split], [*split, len(numbers)], strict=True))
-    mass, bias, _ = _mass_and_bias(mechanism, bodies.reshape(nb, BODY, n), tuple(gravity), q, v)
-    joints, motors = joints.reshape(nv, JOINT, n), motors.reshape(nu, MOTOR, n)
+    nv, nu, joints = len(mechanism.joints), len(mechanism.motors), numbers.joints
+    mass, bias, _ = _mass_and_bias(mechanism, numbers, q, v)
     slope, force = [], []
     for j in range(nv):
         b0, b1, b2, armature, k0, k1, k2, rest = joints[j, :8]
@@ -391,7 +396,7 @@ def _acceleration(mechanism: Mechanism, numbers: Any, q: Any, v: Any, u: Any, im
         force.append(u[nu + j] - v[j] * (b0 + speed * (b1 + speed * b2)) - spring - bias[j])
         slope.append(b0 + speed * (2 * b1 + speed * 3 * b2))
     for i, j in enumerate(mechanism.motors):
-        gear, gain, f0, f1, f2, low, high, least, most = motors[i]
+        gear, gain, f0, f1, f2, low, high, least, most = numbers.motors[i]
         torque = gain * jnp.clip(u[i], low, high) + f0 + f1 * gear * q[j] + f2 * gear * v[j]
         force[j] = force[j] + gear * jnp.clip(torque, least, most)
     rubbed = _friction(mass, force, [joints[j, 8:] for j in range(nv)], v)
@@ -445,7 +450,7 @@ def _friction(mass: list[list[Any]], force: list[Any], joints: Sequence[Any], v:
 
 
 def _mass_and_bias(
-    mechanism: Mechanism, numbers: Any, gravity: Vector, q: Any, v: Any
+    mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any
 ) -> tuple[list[list[Any]], list[Any], list[Any]]:
     """Mass matrix, the force that holds all joints at constant speed, and of each body the same and its joints.
 
@@ -455,12 +460,12 @@ def _mass_and_bias(
     mass: list[list[Any]] = [[0.0] * nv for _ in range(nv)]
     bias: list[Any] = [0.0] * nv
     zero, eye = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    up = tuple(-g for g in gravity)
+    up = tuple(-g for g in numbers.gravity)
     world = eye, zero, zero, zero, zero, up, ()
     frames: list[Any] = []
     held: list[Any] = []
     for b, body in enumerate(mechanism.bodies):
-        m, *rest = (numbers[b, i] if there else 0.0 for i, there in enumerate(body.shape))
+        m, *rest = (numbers.bodies[b, i] if there else 0.0 for i, there in enumerate(body.shape))
         centre, inertia, place = tuple(rest[:3]), rest[3:6], tuple(rest[6:])
         turn, origin, spin, speed, spin_rate, rate, moving = frames[body.parent] if body.parent >= 0 else world
 

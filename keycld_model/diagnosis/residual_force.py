@@ -38,14 +38,15 @@ def fit_residual_force(fit: Fit, rounds: int = ROUNDS, seed: int = 0) -> Fit:
     """Add the force that explains most of what a fit leaves, nuisances refitted beside it.
 
     Of several widths and priors the most probable are taken; again near the end, where rollouts are nearly linear in
-    the force. Where they are far from that, the force is first fitted on shorter windows.
+    the force. Where they are far from that, the force is first fitted on shorter windows. Without one that fits better,
+    the fit comes back as it is.
     """
     start = fit
     if fit.chi_square > FAR:
         short = replace(fit.problem, windows=fit.problem.windows.shorter(SHORTER))
         start = replay(fit.problem, _added(replay(short, fit), fit.effects, rounds, seed), SETTLE)
     best = _added(start, fit.effects, rounds, seed)
-    return best if best.cost < fit.cost else fit
+    return _placed(best) if best.cost < fit.cost else fit
 
 
 def _added(start: Fit, named: Sequence[Effect], rounds: int, seed: int) -> Fit:
@@ -70,10 +71,10 @@ def _added(start: Fit, named: Sequence[Effect], rounds: int, seed: int) -> Fit:
 
 def lengthened(fit: Fit, problem: Problem, rounds: int = ROUNDS) -> Fit:
     """A fit with a residual force, fitted on to longer windows of the same recordings, in which errors pile up."""
-    return replay(fit.problem, _descend(replay(problem, fit, SETTLE), rounds))
+    return _placed(replay(fit.problem, _descend(replay(problem, fit, SETTLE), rounds)))
 
 
-def _force_of(fit: Fit) -> ResidualForce | None:
+def residual_force_of(fit: Fit) -> ResidualForce | None:
     """The residual force, which is the last of a fit's effects."""
     last = fit.effects[-1] if fit.effects else None
     return last if isinstance(last, ResidualForce) else None
@@ -81,17 +82,25 @@ def _force_of(fit: Fit) -> ResidualForce | None:
 
 def _moved(fit: Fit, named: Sequence[Effect], force: ResidualForce, values: Array) -> Fit:
     """A fit with another force and nuisances, and states fitted to them."""
-    where = int(np.argmax(np.std(force.features(*_paths(fit)) @ force.weights, axis=(0, 1))))
-    force = replace(force, where=fit.problem.simulator.model.joint(where).name)
     point = fit.point.with_effects(*named, force)
     return fit.problem.minimise(replace(point, variant=replace(point.variant, values=values)), 3, only_states=True)
+
+
+def _placed(fit: Fit) -> Fit:
+    """With its residual force at the joint where it changes most."""
+    force = residual_force_of(fit)
+    if force is None:
+        return fit
+    where = int(np.argmax(np.std(force.features(*_paths(fit)) @ force.weights, axis=(0, 1))))
+    there = replace(force, where=fit.problem.simulator.model.joint(where).name)
+    return replace(fit, point=fit.point.with_effects(*fit.effects[:-1], there))
 
 
 def _descend(fit: Fit, rounds: int) -> Fit:
     """Gauss-Newton on the weights of a fit's residual force; the prior stays as it is."""
     scale = usual_forces(fit.problem.simulator.model)
     for _ in range(rounds):
-        force, old = _force_of(fit), fit.point.variant.values
+        force, old = residual_force_of(fit), fit.point.variant.values
         if force is None:
             break
         weights, values = _Normal.at(fit).solve(force)
@@ -148,7 +157,7 @@ class _Normal:
         whole = replace(linear, shared=np.concatenate([linear.shared[..., :n], columns], axis=-1))
         whole = whole.weighted(whole.outlier_weights())
         reduced, residual = whole.project(whole.shared), whole.project(whole.residual[..., None])[..., 0]
-        matrices, force = np.einsum("wri,wrj->wij", reduced, reduced), _force_of(fit)
+        matrices, force = np.einsum("wri,wrj->wij", reduced, reduced), residual_force_of(fit)
         here = np.zeros(matrices.shape[:2])
         here[:, :n] = point.variant.values
         if force is not None:

@@ -1,6 +1,7 @@
 """Who steps: MuJoCo itself, or a compiled `Mechanism` where a model is simple enough for that."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import mujoco
@@ -13,6 +14,23 @@ from keycld_model.diagnosis.acting import Pushing
 Array = NDArray[np.float64]
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 _CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
+
+
+@dataclass(frozen=True)
+class Copies:
+    """N copies of some variants of a mechanism.
+
+    Attributes:
+        models: of the variants.
+        pushing: effects of each variant.
+        of: `[N]` variant of each copy.
+        window: `[N]` window of each copy.
+    """
+
+    models: Sequence[mujoco.MjModel]
+    pushing: Sequence[Pushing]
+    of: NDArray[np.int64]
+    window: NDArray[np.int64]
 
 
 class Rollouts(Protocol):
@@ -28,23 +46,8 @@ class Rollouts(Protocol):
         """Where positions and velocities are in it."""
         ...
 
-    def batch(
-        self,
-        models: Sequence[mujoco.MjModel],
-        pushing: Sequence[Pushing],
-        of: NDArray[np.int64],
-        window: NDArray[np.int64],
-        steps: int,
-    ) -> Any:
-        """N copies, to be run for so many steps at once.
-
-        Args:
-            models: of some variants.
-            pushing: effects of each variant.
-            of: `[N]` variant of each copy.
-            window: `[N]` window of each copy.
-            steps: S.
-        """
+    def batch(self, copies: Copies, steps: int) -> Any:
+        """Ready to be run for so many steps at once."""
         ...
 
     def run(self, batch: Any, state: Array, control: Array, time: Array) -> Array:
@@ -77,18 +80,11 @@ class MujocoRollouts:
         """See `Rollouts`."""
         return self._motion
 
-    def batch(
-        self,
-        models: Sequence[mujoco.MjModel],
-        pushing: Sequence[Pushing],
-        of: NDArray[np.int64],
-        window: NDArray[np.int64],
-        steps: int,
-    ) -> Any:
+    def batch(self, copies: Copies, steps: int) -> Any:
         """See `Rollouts`; without effects."""
-        if any(some.effects for some in pushing):
+        if any(some.effects for some in copies.pushing):
             raise ValueError("MuJoCo's rollouts know no effects; their forces must be set step by step.")
-        return [models[i] for i in of]
+        return [copies.models[i] for i in copies.of]
 
     def run(self, batch: Any, state: Array, control: Array, time: Array) -> Array:
         """See `Rollouts`."""

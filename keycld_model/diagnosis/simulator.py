@@ -16,7 +16,7 @@ from keycld_model.diagnosis.acting import Pushing, compiles, memories
 from keycld_model.diagnosis.mechanism import Mechanism
 from keycld_model.diagnosis.model_pool import ModelPool
 from keycld_model.diagnosis.nuisance import Nuisance
-from keycld_model.diagnosis.rollouts import MujocoRollouts, Rollouts
+from keycld_model.diagnosis.rollouts import Copies, MujocoRollouts, Rollouts
 from keycld_model.diagnosis.windows import Windows
 
 Array = NDArray[np.float64]
@@ -206,9 +206,10 @@ class Simulator:
         clock = np.tile(windows.start, p)
         if not by_hand:
             present = [some if i in which else Pushing() for i, some in enumerate(pushing)]
-            path = by.run(by.batch(models, present, of, window, s), state, control.reshape(p * w, s, -1), clock)
+            path = by.run(by.batch(Copies(models, present, of, window), s), state, control.reshape(p * w, s, -1), clock)
             return path[..., by.motion].reshape(p, w, s, -1)
-        out, batch = np.empty((p, w, s, 2 * nv)), by.batch(models, [Pushing()] * len(models), of, window, 1)
+        out = np.empty((p, w, s, 2 * nv))
+        batch = by.batch(Copies(models, [Pushing()] * len(models), of, window), 1)
         rows = {i: np.flatnonzero(which == i) for i in np.unique(which)}
         acting = [(i, effect) for i in rows for effect in pushing[i].effects]
         memories = [np.repeat(m[None], len(rows[i]), axis=0) for i in rows for m in pushing[i].memories]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,10 +64,8 @@ class Windows:
         pieces = [slice(k * samples, (k + 1) * samples) for k in range(parts)]
         time, measured = (np.concatenate([x[:, p] for p in pieces]) for x in (self.time, self.measured))
         recording, first, start = (np.tile(x, parts) for x in (self.recording, self.first, self.start))
-        skipped = ((time[:, 0] - start) / self.step + 1e-6).astype(int)
+        skipped = _steps_before(time[:, 0] - start, self.step)
         start = start + skipped * self.step
-        seen = (np.isfinite(measured).sum(axis=1) >= max(4, samples // 2)).all(axis=1)
-        steps = int(np.ceil((time[:, -1] - start).max() / self.step)) + 1
         whole = replace(
             self,
             recording=recording,
@@ -74,9 +73,9 @@ class Windows:
             start=start,
             time=time,
             measured=measured,
-            steps=steps,
+            steps=_steps_over(time, start, self.step),
         )
-        return whole.take(np.flatnonzero(seen))
+        return whole.take(np.flatnonzero(_seen(measured)))
 
     def initial_states(self) -> tuple[Array, Array]:
         """Positions and velocities `[W, nv]` at the start, from a quadratic through the first samples."""
@@ -100,13 +99,28 @@ def cut(recordings: Sequence[Recording], step: float, samples: int) -> Windows:
         commands.append(average_commands(recording, edges))
         speeds.append(_speeds(t, q, (edges[1:] + edges[:-1]) / 2))
         for i in range(0, len(t) - samples + 1, samples):
-            first = int((t[i] - origin) / step + 1e-6)
+            first = _steps_before(t[i] - origin, step)
             piece = slice(i, i + samples)
-            if (np.isfinite(q[piece]).sum(axis=0) >= max(4, samples // 2)).all():
+            if _seen(q[piece]):
                 rows.append((index, first, origin + first * step, t[piece], q[piece]))
     recording, first, start, time, measured = (np.array(column) for column in zip(*rows, strict=True))
-    steps = int(np.ceil((time[:, -1] - start).max() / step)) + 1
+    steps = _steps_over(time, start, step)
     return Windows(step, tuple(commands), tuple(speeds), recording, first, start, time, measured, steps)
+
+
+def _steps_before(seconds: Any, step: float) -> Any:
+    """Whole steps that end within so much time."""
+    return np.floor(seconds / step + 1e-6).astype(int)
+
+
+def _steps_over(time: Array, start: Array, step: float) -> int:
+    """Steps that windows need to reach their last samples, times `[W, n]` and `[W]`."""
+    return int(np.ceil((time[:, -1] - start).max() / step)) + 1
+
+
+def _seen(measured: Array) -> Any:
+    """Whether enough samples `[..., n, nv]` of every joint are there."""
+    return (np.isfinite(measured).sum(axis=-2) >= max(4, measured.shape[-2] // 2)).all(axis=-1)
 
 
 def _speeds(t: Array, q: Array, times: Array) -> Array:

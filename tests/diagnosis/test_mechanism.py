@@ -12,7 +12,7 @@ from keycld_envs.effects.base import add_friction
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.acting import Pushing
 from keycld_model.diagnosis.mechanism import Mechanism
-from keycld_model.diagnosis.rollouts import MujocoRollouts
+from keycld_model.diagnosis.rollouts import Copies, MujocoRollouts
 from keycld_model.diagnosis.simulator import Simulator, Variant
 from keycld_model.diagnosis.windows import cut
 
@@ -88,9 +88,9 @@ def test_every_step_is_that_of_mujoco(name, integrator):
     slow = MujocoRollouts(base, 2)
     full = np.zeros((number, slow.size))
     full[:, slow.motion] = state
-    given = models, [Pushing()] * len(models), of, np.zeros(number, int), steps
-    true = slow.run(slow.batch(*given), full, control, np.zeros(number))[..., slow.motion]
-    path = mechanism.run(mechanism.batch(*given), state, control, np.zeros(number))
+    copies = Copies(models, [Pushing()] * len(models), of, np.zeros(number, int))
+    true = slow.run(slow.batch(copies, steps), full, control, np.zeros(number))[..., slow.motion]
+    path = mechanism.run(mechanism.batch(copies, steps), state, control, np.zeros(number))
     free = of < 2
     assert path[free] == pytest.approx(true[free], abs=1e-9)
     assert np.max(np.abs(path[~free] - true[~free])) < 1e-6
