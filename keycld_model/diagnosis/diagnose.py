@@ -25,7 +25,7 @@ from keycld_model.diagnosis.held_out import likelihood, replay, rollout_error
 from keycld_model.diagnosis.noise import noise
 from keycld_model.diagnosis.prepare import SAMPLES, split, thin
 from keycld_model.diagnosis.pulses import concentrated, paid, pushed
-from keycld_model.diagnosis.report import FitErrors, Report, Verdict
+from keycld_model.diagnosis.report import Finding, FitErrors, Report, Unexplained, Verdict
 from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force, lengthened, residual_force_of
 from keycld_model.diagnosis.search import Scored, Search, misfit
 from keycld_model.diagnosis.simulator import Simulator
@@ -75,48 +75,23 @@ def diagnose(
     with progress("Diagnosing", total=5) as advance:
         fits = [_refit(s, training, sigma) for s in (Simulator(model, fine), Simulator(model))]
         advance(1, "searching")
-        search, refitted, best = _search(fits)
+        explained = _search(fits)
         advance(1, "rivals")
-        rivals = search.rivals(best)
+        found = explained.findings(training)
         advance(1, "testing on held-out recordings")
+        refitted, temper = explained.refitted, explained.search.temper
         trial = _Trial.of(refitted, test, sigma)
-        pulses = best.fit.point.variant.pulses
-        gain = refitted.cost / search.temper - best.score - paid(pulses)
-        before, after = trial.short(refitted), trial.short(best.fit)
-        nats = (likelihood(after) - likelihood(before)) / search.temper
-        verdict: Verdict = "no_mismatch"
-        if (best.fit.effects or pulses) and gain > DOUBTFUL:
-            verdict = "mismatch" if gain > CLEAR and nats > 0 else "undetermined"
-        named, shown = (refitted, before) if verdict == "no_mismatch" else (best.fit, after)
-        found = [*findings_of(best, rivals, search), *pulses_of(best.fit, training)]
-        findings = [] if verdict == "no_mismatch" else found
-        unexplained = unexplained_of(before, shown, model)
+        before = trial.short(refitted)
+        named = _named(explained, found, before, trial)
+        unexplained = unexplained_of(before, named.tested, model)
         advance(1, "looking for what has no name")
-        rounds = ROUNDS if unexplained.significant else 2
-        alone = fit_residual_force(refitted, rounds)
-        smooth = fit_residual_force(named, rounds) if named.effects or named.point.variant.pulses else alone
-        beside, without = (
-            likelihood(trial.short(fit)) if residual_force_of(fit) else -np.inf for fit in (smooth, alone)
-        )
-        temper, without_force = min(search.temper, misfit(smooth), misfit(alone)), likelihood(shown)
-        extra, chosen, ceiling = (max(beside, without) - without_force) / temper, named, None
-        instead = without > max(without_force + UNKNOWN * temper, beside - UNKNOWN * temper)
-        if instead or extra > max(UNKNOWN, MATERIAL * nats):
-            chosen, verdict = smooth, "mismatch"
-            if instead:  # named effects stood for a part of it
-                chosen, findings, nats = alone, [], 0.0
-            chosen = lengthened(chosen, trial.lengthened(training))
-            findings.append(unknown_of(chosen, extra / (extra + max(nats, 0.0))))
-        elif unexplained.significant and (verdict == "no_mismatch" or unexplained.fraction > LEFT):
-            verdict = "undetermined"
-        if chosen is named and verdict != "no_mismatch":
-            ceiling = alone
+        concluded = _unnamed(named, explained, trial, unexplained, training)
         nominal = replace(refitted, point=refitted.problem.start())
-        rollouts = [trial.long(fit) for fit in (nominal, refitted, chosen)]
+        rollouts = [trial.long(fit) for fit in (nominal, refitted, concluded.fit)]
         if rollout_error(rollouts[2]) > rollout_error(rollouts[1]):  # what is handed back is never the worse one
-            chosen, rollouts[2] = refitted, rollouts[1]
-            verdict = "undetermined" if findings else verdict
-        limits = rollouts if ceiling is None else [*rollouts, trial.long(ceiling)]
+            verdict: Verdict = "undetermined" if concluded.findings else concluded.verdict
+            concluded, rollouts[2] = replace(concluded, fit=refitted, verdict=verdict), rollouts[1]
+        limits = rollouts if concluded.ceiling is None else [*rollouts, trial.long(concluded.ceiling)]
         errors = FitErrors(
             f"root mean square of rollouts over {trial.seconds:.2g} s with fitted initial states",
             "mrad or mm",
@@ -125,25 +100,107 @@ def diagnose(
         advance(1)
     simulator = refitted.problem.simulator
     return Report(
-        verdict=verdict,
-        headline=headline_of(verdict, findings, errors, unexplained),
-        findings=findings,
-        nuisance=nuisance_of(chosen),
+        verdict=concluded.verdict,
+        headline=headline_of(concluded.verdict, concluded.findings, errors, unexplained),
+        findings=concluded.findings,
+        nuisance=nuisance_of(concluded.fit),
         unexplained=unexplained,
         fit=errors,
         held_out=[r.id for r in test],
         details={
-            "gain_nats": round(float(gain), 2),
-            "held_out_gain_nats": round(float(nats), 2),
-            "chi_square": {"refitted": refitted.chi_square, "corrected": chosen.chi_square},
-            "temper": search.temper,
+            "gain_nats": round(explained.gain, 2),
+            "held_out_gain_nats": round(concluded.nats, 2),
+            "chi_square": {"refitted": refitted.chi_square, "corrected": concluded.fit.chi_square},
+            "temper": temper,
             "noise": sigma.tolist(),
             "windows": len(refitted.problem.windows),
             "step_s": simulator.step,
             "integrator": mujoco.mjtIntegrator(simulator.model.opt.integrator).name,
         },
-        evidence=evidence(model, (refitted, chosen), (rollouts[1], rollouts[2]), (training, test)),
+        evidence=evidence(model, (refitted, concluded.fit), (rollouts[1], rollouts[2]), (training, test)),
     )
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """What training recordings say.
+
+    Attributes:
+        search: for effects.
+        refitted: nuisances alone.
+        best: with effects or pushes.
+        smooth: refitted, with a force without a name; None where it was not needed.
+    """
+
+    search: Search
+    refitted: Fit
+    best: Scored
+    smooth: Fit | None
+
+    @property
+    def gain(self) -> float:
+        """Nats of effects and pushes, with their numbers paid for."""
+        return float(self.refitted.cost / self.search.temper - _paid(self.best))
+
+    def findings(self, training: Sequence[Recording]) -> list[Finding]:
+        """All that may be missing."""
+        rivals = self.search.rivals(self.best)
+        return [*findings_of(self.best, rivals, self.search), *pulses_of(self.best.fit, training)]
+
+
+@dataclass(frozen=True)
+class _Conclusion:
+    """What held-out recordings say.
+
+    Attributes:
+        verdict: see `Report`.
+        fit: the simulator to be handed back.
+        tested: the same on windows of held-out recordings.
+        findings: what it has.
+        nats: that its named findings gain.
+        ceiling: the refitted simulator with a force without a name in their place.
+    """
+
+    verdict: Verdict
+    fit: Fit
+    tested: Fit
+    findings: list[Finding]
+    nats: float
+    ceiling: Fit | None = None
+
+
+def _named(explained: _Explained, found: list[Finding], before: Fit, trial: "_Trial") -> _Conclusion:
+    """Of effects and pushes; `before` is the refitted simulator on windows of held-out recordings."""
+    after = trial.short(explained.best.fit)
+    nats = (likelihood(after) - likelihood(before)) / explained.search.temper
+    if not found or explained.gain <= DOUBTFUL:
+        return _Conclusion("no_mismatch", explained.refitted, before, [], nats)
+    sure = explained.gain > CLEAR and nats > 0
+    return _Conclusion("mismatch" if sure else "undetermined", explained.best.fit, after, found, nats)
+
+
+def _unnamed(
+    named: _Conclusion, explained: _Explained, trial: "_Trial", left: Unexplained, training: Sequence[Recording]
+) -> _Conclusion:
+    """A force without a name beside the findings, or in place of them, if held-out recordings ask for it."""
+    refitted, rounds = explained.refitted, ROUNDS if left.significant else 2
+    alone = explained.smooth or fit_residual_force(refitted, rounds)
+    smooth = alone if named.fit is refitted else fit_residual_force(named.fit, rounds)
+    tested = [trial.short(fit) for fit in (smooth, alone)]
+    beside, without = (likelihood(fit) if residual_force_of(fit) else -np.inf for fit in tested)
+    without_force = likelihood(named.tested)
+    temper = min(explained.search.temper, misfit(smooth), misfit(alone))
+    extra = (max(beside, without) - without_force) / temper
+    instead = without > max(without_force + UNKNOWN * temper, beside - UNKNOWN * temper)
+    if instead or extra > max(UNKNOWN, MATERIAL * named.nats):
+        if instead:  # named effects stood for a part of it
+            named, smooth = replace(named, findings=[], nats=0.0), alone
+        fit = lengthened(smooth, trial.lengthened(training))
+        findings = [*named.findings, unknown_of(fit, extra / (extra + max(named.nats, 0.0)))]
+        return _Conclusion("mismatch", fit, tested[instead], findings, named.nats)
+    if left.significant and (named.verdict == "no_mismatch" or left.fraction > LEFT):
+        named = replace(named, verdict="undetermined")
+    return named if named.verdict == "no_mismatch" else replace(named, ceiling=alone)
 
 
 def _refit(simulator: Simulator, recordings: Sequence[Recording], sigma: NDArray[np.float64]) -> Fit:
@@ -155,29 +212,29 @@ def _refit(simulator: Simulator, recordings: Sequence[Recording], sigma: NDArray
     return problem.minimise(problem.start(), iterations=15)
 
 
-def _search(fits: Sequence[Fit]) -> tuple[Search, Fit, Scored]:
+def _search(fits: Sequence[Fit]) -> _Explained:
     """With the integrator that is right: an accurate one for nature, its own for a simulation of the model itself."""
     accurate, own = fits
     first, second = (own, accurate) if own.excess < OWN * accurate.excess else (accurate, own)
-    search, best = _explain(first)
-    if best.fit.point.variant.pulses:
-        return search, first, best
-    rival = min(second.cost, second.problem.minimise(second.point.with_effects(*best.fit.effects)).cost)
-    if rival < best.fit.cost - 1:
-        search, best = _explain(second)
-        return search, second, best
-    return search, first, best
+    explained = _explain(first)
+    best = explained.best.fit
+    if best.point.variant.pulses:
+        return explained
+    rival = min(second.cost, second.problem.minimise(second.point.with_effects(*best.effects)).cost)
+    return _explain(second) if rival < best.cost - 1 else explained
 
 
-def _explain(refitted: Fit) -> tuple[Search, Scored]:
+def _explain(refitted: Fit) -> _Explained:
     """The best set of effects and pushes with one integrator.
 
     Pushes only where neither effects nor a smooth force on the joints, which would come again in the same states, leave
     only noise.
     """
     search = Search(refitted.problem, EXCLUDED)
-    best = search.run(refitted.point)
-    if significant(best.fit).max() > 0 and significant(fit_residual_force(refitted)).max() > 0:
+    best, smooth = search.run(refitted.point), None
+    if significant(best.fit).max() > 0:
+        smooth = fit_residual_force(refitted)
+    if smooth and significant(smooth).max() > 0:
         for fit in (refitted, best.fit):
             start = pushed(fit) if concentrated(fit) else fit
             if not start.point.variant.pulses:
@@ -188,7 +245,7 @@ def _explain(refitted: Fit) -> tuple[Search, Scored]:
             if not filler and _paid(found) < _paid(best):
                 search, best = other, found
                 break
-    return search, search.soften(best)
+    return _Explained(search, refitted, search.soften(best), smooth)
 
 
 def _paid(scored: Scored) -> float:
