@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
+from keycld_envs.constants import update_constants
 from keycld_envs.effects.base import Array, Effect
 from keycld_envs.errors import InputError
 
@@ -33,7 +34,7 @@ class AddedPhysics:
             if effect.where not in known:
                 raise InputError(f"{effect.id} is at {effect.where!r}; the model has {sorted(known)}.")
             effect.edit(model)
-        mujoco.mj_setConst(model, mujoco.MjData(model))
+        update_constants(model)
 
     def reset(self) -> None:
         """Forget the past, in which no command was given."""

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.constants import update_constants
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.fit import Fit
@@ -87,7 +88,7 @@ def with_effects(model: mujoco.MjModel, effects: Sequence[Effect]) -> mujoco.MjM
     edited = copy.copy(model)
     for effect in effects:
         effect.edit(edited)
-    mujoco.mj_setConst(edited, mujoco.MjData(edited))
+    update_constants(edited)
     return edited
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_model.diagnosis.acting import Slots, smooth_numbers
+from keycld_model.diagnosis.loops import LOOP, Loop, loops_of, pulls, rows_of, tightened
 from keycld_model.diagnosis.rollouts import Copies
 from keycld_model.diagnosis.scalars import (
     Vector,
@@ -72,6 +73,7 @@ class Mechanism:
         bodies: without the world; a parent comes before its children.
         joints: of all bodies.
         motors: joint of each.
+        loops: that are closed.
         step: s.
         runge_kutta: the integrator; semi-implicit Euler with implicit damping otherwise.
     """
@@ -79,13 +81,15 @@ class Mechanism:
     bodies: tuple[Body, ...]
     joints: tuple[Joint, ...]
     motors: tuple[int, ...]
+    loops: tuple[Loop, ...]
     step: float
     runge_kutta: bool
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Mechanism | None":
-        """None for models with what only MuJoCo can step: closed loops, contacts, tendons, motors with a memory."""
-        if not _in_scope(model):
+        """None for models with what only MuJoCo can step: contacts, tendons, welds, motors with a memory."""
+        loops = loops_of(model)
+        if loops is None or not _in_scope(model):
             return None
         joints = tuple(
             Joint(
@@ -106,12 +110,17 @@ class Mechanism:
             bodies.append(Body(int(model.body_parentid[b]) - 1, own, *turns, nonzero))
         motors = tuple(int(model.actuator_trnid[i, 0]) for i in range(model.nu))
         runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        return cls(tuple(bodies), joints, motors, float(model.opt.timestep), bool(runge_kutta))
+        return cls(tuple(bodies), joints, motors, loops, float(model.opt.timestep), bool(runge_kutta))
 
     @property
     def length(self) -> int:
         """How many numbers variants may change, K."""
-        return len(self.bodies) * BODY + len(self.joints) * JOINT + len(self.motors) * MOTOR + 3
+        return sum(rows * width for rows, width in self.shapes) + 3
+
+    @property
+    def shapes(self) -> tuple[tuple[int, int], ...]:
+        """Rows and numbers per row of bodies, joints, motors and loops; gravity comes after them."""
+        return (len(self.bodies), BODY), (len(self.joints), JOINT), (len(self.motors), MOTOR), (len(self.loops), LOOP)
 
     def bearing(self, joint: int) -> int:
         """The body that a joint moves."""
@@ -141,9 +150,8 @@ class Mechanism:
         ]
         motors = np.concatenate([model.actuator_gear[:, :1], force, *ranges], axis=1)
         gravity = model.opt.gravity * on["GRAVITY"]
-        return np.concatenate(
-            [np.concatenate(bodies, axis=1).ravel(), np.concatenate(joints).T.ravel(), motors.ravel(), gravity]
-        )
+        rows = np.concatenate(bodies, axis=1), np.concatenate(joints).T, motors
+        return np.concatenate([*(r.ravel() for r in rows), *(loop.numbers(model) for loop in self.loops), gravity])
 
     @property
     def size(self) -> int:
@@ -229,7 +237,6 @@ def _in_scope(model: mujoco.MjModel) -> bool:
         np.isin(model.jnt_type, [int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)]).all()
         and 0 < model.njnt <= MOST_JOINTS
         and (rk4 or (fast and damped and not velocity_bias))
-        and (model.neq == 0 or free_of("EQUALITY"))
         and (free_of("CONTACT") or not _may_collide(model))
         and model.ntendon == model.nflex == model.nplugin == model.na == 0
         and model.opt.density == 0 and model.opt.viscosity == 0
@@ -283,21 +290,25 @@ class _Numbers(NamedTuple):
         bodies: `[nb, BODY, N]`.
         joints: `[nv, JOINT, N]`.
         motors: `[nu, MOTOR, N]`.
+        loops: `[nl, LOOP, N]`.
         gravity: three times `[N]`.
     """
 
     bodies: Any
     joints: Any
     motors: Any
+    loops: Any
     gravity: Any
 
 
 def _split(mechanism: Mechanism, numbers: Any) -> _Numbers:
     """Of `[K, N]`."""
-    shapes = (len(mechanism.bodies), BODY), (len(mechanism.joints), JOINT), (len(mechanism.motors), MOTOR)
-    *parts, gravity = jnp.split(numbers, np.cumsum([rows * width for rows, width in shapes]))
-    bodies, joints, motors = (part.reshape(*shape, numbers.shape[1]) for part, shape in zip(parts, shapes, strict=True))
-    return _Numbers(bodies, joints, motors, tuple(gravity))
+    ends = np.cumsum([rows * width for rows, width in mechanism.shapes])
+    *parts, gravity = jnp.split(numbers, ends)
+    bodies, joints, motors, loops = (
+        part.reshape(*shape, numbers.shape[1]) for part, shape in zip(parts, mechanism.shapes, strict=True)
+    )
+    return _Numbers(bodies, joints, motors, loops, tuple(gravity))
 
 
 def _program(mechanism: Mechanism, slots: Slots) -> Any:
@@ -341,7 +352,7 @@ def _loads(mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any, u: Any) -> C
     def load(j: int) -> Any:
         alone = jnp.concatenate([u[: len(mechanism.motors)], jnp.zeros_like(v)])
         acceleration = _acceleration(mechanism, numbers, q, v, alone, implicit=False)
-        _, _, moving = _mass_and_bias(mechanism, numbers, q, v)
+        moving = _mass_and_bias(mechanism, numbers, q, v)[2]
         beyond, force = {mechanism.bearing(j)}, (0.0, 0.0, 0.0)
         for b, body in enumerate(mechanism.bodies):
             if b in beyond or body.parent in beyond:
@@ -386,7 +397,7 @@ def _euler(mechanism: Mechanism, numbers: _Numbers, state: Any, u: Any) -> Any:
 def _acceleration(mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any, u: Any, implicit: bool) -> Any:
     """`[nv, N]`; `implicit` in damping, as a step of Euler's needs it."""
     nv, nu, joints = len(mechanism.joints), len(mechanism.motors), numbers.joints
-    mass, bias, _ = _mass_and_bias(mechanism, numbers, q, v)
+    mass, bias, _, frames = _mass_and_bias(mechanism, numbers, q, v)
     slope, force = [], []
     for j in range(nv):
         b0, b1, b2, armature, k0, k1, k2, rest = joints[j, :8]
@@ -399,11 +410,20 @@ def _acceleration(mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any, u: An
         gear, gain, f0, f1, f2, low, high, least, most = numbers.motors[i]
         torque = gain * jnp.clip(u[i], low, high) + f0 + f1 * gear * q[j] + f2 * gear * v[j]
         force[j] = force[j] + gear * jnp.clip(torque, least, most)
-    rubbed = _friction(mass, force, [joints[j, 8:] for j in range(nv)], v)
-    if implicit:
-        for j in range(nv):
-            mass[j][j] = mass[j][j] + mechanism.step * slope[j]
-    return jnp.stack(solve(mass, [add(f, r) for f, r in zip(force, rubbed, strict=True)]))
+    rows = [
+        row
+        for loop, own in zip(mechanism.loops, numbers.loops, strict=True)
+        for row in rows_of(loop, own, frames, q, v)
+    ]
+    tight, pulled = tightened(mass, force, rows)
+    rubbed = _friction(tight, pulled, [joints[j, 8:] for j in range(nv)], v)
+    acceleration = jnp.stack(solve(tight, [add(f, r) for f, r in zip(pulled, rubbed, strict=True)]))
+    if not implicit:
+        return acceleration
+    for j in range(nv):
+        mass[j][j] = mass[j][j] + mechanism.step * slope[j]
+    forces = zip(force, rubbed, pulls(rows, acceleration), strict=True)
+    return jnp.stack(solve(mass, [add(add(f, r), p) for f, r, p in forces]))
 
 
 def _friction(mass: list[list[Any]], force: list[Any], joints: Sequence[Any], v: Any) -> list[Any]:
@@ -451,10 +471,11 @@ def _friction(mass: list[list[Any]], force: list[Any], joints: Sequence[Any], v:
 
 def _mass_and_bias(
     mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any
-) -> tuple[list[list[Any]], list[Any], list[Any]]:
-    """Mass matrix, the force that holds all joints at constant speed, and of each body the same and its joints.
+) -> tuple[list[list[Any]], list[Any], list[Any], list[Any]]:
+    """Mass matrix, the force that holds all joints at constant speed, of each body the same and its joints, and frames.
 
-    A body's joints are their index, and how its middle moves, and how it turns, at unit speed.
+    A body's joints are their index, and how its middle moves, and how it turns, at unit speed; frames are those of
+    `rows_of`.
     """
     nv = len(mechanism.joints)
     mass: list[list[Any]] = [[0.0] * nv for _ in range(nv)]
@@ -521,4 +542,4 @@ def _mass_and_bias(
     for i in range(nv):
         for j in range(i):
             mass[j][i] = mass[i][j]
-    return mass, bias, held
+    return mass, bias, held, [(*frame[:3], *frame[4:]) for frame in (*frames, world)]

@@ -7,6 +7,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_model.diagnosis.loops import anchors, bodies, connections
+
 MASS_SPREAD, LENGTH_SPREAD = 0.12, 0.12
 """Standard deviations expected of the logarithms of masses and lengths."""
 ZERO_SPREAD = 0.015
@@ -59,9 +61,11 @@ def apply(model: mujoco.MjModel, which: tuple[Nuisance, ...], values: NDArray[np
                 model.body_ipos[body] *= factor
                 model.body_inertia[body] *= factor**2
         if nuisance.kind == "length":
-            moved = np.isin(model.body_parentid, rigid(model, nuisance.index))
+            own = rigid(model, nuisance.index)
+            moved = np.isin(model.body_parentid, own)
             moved[0] = False
             model.body_pos[moved] *= factor
+            _lengthen(model, own, factor)
 
 
 def rigid(model: mujoco.MjModel, body: int) -> list[int]:
@@ -71,3 +75,13 @@ def rigid(model: mujoco.MjModel, body: int) -> list[int]:
         if model.body_parentid[child] in out and not model.body_dofnum[child]:
             out.append(child)
     return out
+
+
+def _lengthen(model: mujoco.MjModel, own: list[int], factor: float) -> None:
+    """Scale the points of bodies at which loops are closed."""
+    model.site_pos[np.isin(model.site_bodyid, own)] *= factor
+    for i in connections(model):
+        if model.eq_objtype[i] != int(mujoco.mjtObj.mjOBJ_SITE):
+            for body, anchor in zip(bodies(model, i), anchors(model, i), strict=True):
+                if body in own:
+                    anchor *= factor

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.constants import update_constants
 from keycld_envs.effects import Effect
 from keycld_envs.effects.base import TransmissionEffect
 from keycld_model.diagnosis import nuisance
@@ -88,7 +89,7 @@ class Simulator:
         nuisance.apply(model, self.nuisances, variant.values)
         for effect in variant.effects:
             effect.edit(model)
-        mujoco.mj_setConst(model, self._data)
+        update_constants(model, self._data)
         return model
 
     def simulate(
