@@ -98,7 +98,7 @@ class Search:
         self._nothing = best.score
         for _ in range(ROUNDS):
             better = self._simplified(self._pruned(min([best, *self._finalists(best)], key=_score)))
-            better = self._exchanged(better)
+            better = self._refine(self._exchanged(better).fit.point, thoroughly=True)
             if better.score > best.score - self._least(better):
                 break
             best = better
@@ -188,8 +188,8 @@ class Search:
             ]
         return out
 
-    def _refine(self, point: Point, iterations: int = 12) -> Scored:
-        fit = self.problem.minimise(point, iterations, ROUGH)
+    def _refine(self, point: Point, thoroughly: bool = False) -> Scored:
+        fit = self.problem.minimise(point, 40) if thoroughly else self.problem.minimise(point, share=ROUGH)
         scored = self._scored(fit)
         if scored.keys not in self.found or scored.score < self.found[scored.keys].score:
             self.found[scored.keys] = scored
