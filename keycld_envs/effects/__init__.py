@@ -19,11 +19,13 @@ from keycld_envs.effects.coulomb_friction import CoulombFriction
 from keycld_envs.effects.end_stop import EndStop
 from keycld_envs.effects.external_periodic import ExternalPeriodic
 from keycld_envs.effects.external_pulse import ExternalPulse
+from keycld_envs.effects.friction_drift import FrictionDrift
+from keycld_envs.effects.gain_drift import GainDrift
 from keycld_envs.effects.gravity_tilt import GravityTilt
 from keycld_envs.effects.hysteretic_friction import HystereticFriction
 from keycld_envs.effects.joint_flexibility import JointFlexibility
 from keycld_envs.effects.load_dependent_friction import LoadDependentFriction
-from keycld_envs.effects.parameter_drift import ParameterDrift
+from keycld_envs.effects.mass_drift import MassDrift
 from keycld_envs.effects.position_dependent_friction import PositionDependentFriction
 from keycld_envs.effects.quadratic_drag import QuadraticDrag
 from keycld_envs.effects.sensor_latency import SensorLatency
@@ -32,7 +34,7 @@ from keycld_envs.effects.stribeck_friction import StribeckFriction
 from keycld_envs.effects.viscous_friction import ViscousFriction
 
 EFFECTS: dict[str, type[Effect]] = {
-    effect.id: effect
+    effect.__module__.rsplit(".", 1)[1]: effect
     for effect in (
         ActuatorDeadZone,
         ActuatorDelay,
@@ -50,11 +52,13 @@ EFFECTS: dict[str, type[Effect]] = {
         EndStop,
         ExternalPeriodic,
         ExternalPulse,
+        FrictionDrift,
+        GainDrift,
         GravityTilt,
         HystereticFriction,
         JointFlexibility,
         LoadDependentFriction,
-        ParameterDrift,
+        MassDrift,
         PositionDependentFriction,
         QuadraticDrag,
         SensorLatency,
@@ -63,4 +67,9 @@ EFFECTS: dict[str, type[Effect]] = {
         ViscousFriction,
     )
 }
-"""By id."""
+"""By file. Drifts of different parameters have one id."""
+
+
+def effect_class(id: str, kind: str) -> type[Effect] | None:
+    """The effect with an id at a kind of place; None if there is none."""
+    return next((effect for effect in EFFECTS.values() if (effect.id, effect.kind) == (id, kind)), None)

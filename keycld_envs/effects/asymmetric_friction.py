@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import mujoco
 
-from keycld_envs.effects.base import Array, JointEffect, add_friction, parameter, smooth_sign
+from keycld_envs.effects.base import Array, JointEffect, add_friction, functions, parameter
 
 
 @dataclass(frozen=True)
@@ -24,5 +24,5 @@ class AsymmetricFriction(JointEffect):
         add_friction(model, self.dof(model), (self.forward + self.backward) / 2)
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
-        """Half the difference, while the joint moves."""
-        return -(self.forward - self.backward) / 2 * abs(smooth_sign(v))
+        """Half the difference, which with dry friction of the mean is exactly the two, at rest as well."""
+        return functions(v).full_like(v, (self.backward - self.forward) / 2)

@@ -90,6 +90,11 @@ class Effect(ABC):
         return f"{self.id} at {self.where}: {self.equation} ({numbers})"
 
     @property
+    def key(self) -> tuple[str, str]:
+        """Which effect, and where."""
+        return type(self).__name__, self.where
+
+    @property
     def forces(self) -> bool:
         """The effect adds a force."""
         return self.memory > 0 or type(self).force is not Effect.force
@@ -173,6 +178,15 @@ class ActuatorEffect(Effect):
         """What the motor gets for its commands `[T]`; see `command`."""
         return u
 
+    def dof(self, model: mujoco.MjModel) -> int:
+        """Index of its joint among the velocities."""
+        return int(model.jnt_dofadr[model.actuator(self.where).trnid[0]])
+
+    def torque_of(self, model: mujoco.MjModel, u: Array) -> Array:
+        """What the actuator does, in joint coordinates, for commands `[..., nu]`."""
+        i = int(model.actuator(self.where).id)
+        return model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0] * u[..., i]
+
     def command(self, model: mujoco.MjModel, u: Array, h: float) -> Array:
         """The same for all motors: the others get what they are told."""
         i, out = int(model.actuator(self.where).id), u.copy()
@@ -201,10 +215,6 @@ class TransmissionEffect(ActuatorEffect):
         speed = v[..., self.dof(model)]
         return np.stack([np.zeros_like(speed), speed], axis=-1)
 
-    def dof(self, model: mujoco.MjModel) -> int:
-        """Index of its joint among the velocities."""
-        return int(model.jnt_dofadr[model.actuator(self.where).trnid[0]])
-
     @abstractmethod
     def coupling(self, twist: Array, slip: Array) -> Array:
         """Torque on the joint, N m, for the rotor's relative angle and speed."""
@@ -213,14 +223,9 @@ class TransmissionEffect(ActuatorEffect):
         self, model: mujoco.MjModel, memory: Array, t: Array, q: Array, v: Array, u: Array, h: float
     ) -> tuple[Array, Array]:
         """What reaches the joint in place of the motor's torque; the joint's speed is constant over the step."""
-        dof, out, motor = self.dof(model), np.zeros_like(v), self.motor_torque(model, u)
+        dof, out, motor = self.dof(model), np.zeros_like(v), self.torque_of(model, u)
         out[..., dof], (twist, speed) = self.transmit((memory[..., 0], memory[..., 1]), motor, v[..., dof], h)
         return out, np.stack([twist, speed], axis=-1)
-
-    def motor_torque(self, model: mujoco.MjModel, u: Array) -> Array:
-        """Of the actuator, in joint coordinates, for commands `[..., nu]`."""
-        i = int(model.actuator(self.where).id)
-        return model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0] * u[..., i]
 
     def transmit(self, memory: tuple[Array, Array], motor: Array, speed: Array, h: float) -> tuple[Array, Any]:
         """What reaches the joint less the motor's torque, and the memory; all `[...]`."""

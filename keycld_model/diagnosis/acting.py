@@ -15,8 +15,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.effects import EFFECTS, BaseMotion, Effect, HystereticFriction, LoadDependentFriction, ParameterDrift
-from keycld_envs.effects.base import JointEffect, TransmissionEffect, smooth_sign, using
+from keycld_envs.effects import (
+    EFFECTS,
+    BaseMotion,
+    Effect,
+    GainDrift,
+    HystereticFriction,
+    LoadDependentFriction,
+    MassDrift,
+)
+from keycld_envs.effects.base import ActuatorEffect, JointEffect, TransmissionEffect, smooth_sign, using
 from keycld_model.diagnosis.scalars import Quick
 from keycld_model.diagnosis.smooth_force import Features, ResidualForce
 
@@ -30,7 +38,7 @@ def _pushes_a_joint(kind: type[Effect]) -> bool:
 LIGHT = tuple(
     kind
     for kind in EFFECTS.values()
-    if _pushes_a_joint(kind) or kind in (HystereticFriction, BaseMotion, ParameterDrift)
+    if _pushes_a_joint(kind) or kind in (HystereticFriction, BaseMotion, MassDrift, GainDrift)
 )
 """Cheap enough to be in every program with effects."""
 HEAVY = tuple(kind for kind in EFFECTS.values() if issubclass(kind, TransmissionEffect | LoadDependentFriction))
@@ -58,7 +66,7 @@ class Slot:
     @property
     def key(self) -> tuple[str, str]:
         """What, and where."""
-        return self.absent.id, self.absent.where
+        return self.absent.key
 
     @functools.cached_property
     def names(self) -> tuple[str, ...]:
@@ -115,13 +123,13 @@ class Slots:
 
     def numbers(self, effects: Sequence[Effect]) -> Array:
         """Those of some effects, `[K]`."""
-        here = {(effect.id, effect.where): effect for effect in effects}
+        here = {effect.key: effect for effect in effects}
         return np.array([x for slot in self.slots for x in slot.numbers(here.get(slot.key, slot.absent))])
 
     def remembered(self, pushing: Pushing, windows: int) -> Array:
         """Memories at the starts of windows, `[W, M]`."""
         pairs = zip(pushing.effects, pushing.memories, strict=True)
-        here = {(effect.id, effect.where): memory for effect, memory in pairs}
+        here = {effect.key: memory for effect, memory in pairs}
         empty = np.zeros((windows, 0))
         parts = [here.get(slot.key, np.zeros((windows, slot.absent.memory))) for slot in self.slots]
         return np.concatenate([empty, *parts], axis=1)
@@ -159,7 +167,7 @@ def smooth_numbers(effects: Iterable[Effect]) -> tuple[Array, ...]:
 
 
 def _slot(model: mujoco.MjModel, effect: Effect) -> Slot:
-    if isinstance(effect, TransmissionEffect):
+    if isinstance(effect, ActuatorEffect):
         return Slot(effect, effect.dof(model), int(model.actuator(effect.where).id))
     if isinstance(effect, JointEffect):
         return Slot(effect, effect.dof(model))
@@ -197,7 +205,7 @@ class Acting:
             for slot, effect in self.effects:
                 if isinstance(effect, BaseMotion):
                     gravity[slot.at] = gravity[slot.at] - effect.acceleration(t)
-                elif isinstance(effect, ParameterDrift):
+                elif isinstance(effect, MassDrift):
                     heavy = jnp.array([0, 4, 5, 6])  # mass and moments of inertia
                     bodies = bodies.at[slot.at, heavy].multiply(effect.factor(t))
         return bodies, gravity
@@ -238,6 +246,8 @@ class Acting:
                 elif isinstance(effect, TransmissionEffect):
                     push, memory = effect.transmit(left.pop(0), motor(slot.motor), v[at], h)
                     memories.append(memory)
+                elif isinstance(effect, GainDrift):
+                    push = effect.change(t, motor(slot.motor))
                 elif isinstance(effect, LoadDependentFriction):
                     push = -effect.mu * load(at) * smooth_sign(v[at])
                 elif isinstance(effect, JointEffect):
@@ -267,7 +277,7 @@ def memories(effects: Sequence[Any], motor: Array, speed: Array, h: float) -> Ar
         return np.asarray(_along(kind, names, h)(numbers, motor, speed))[: steps + 1, :variants, :recordings]
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=16)
 def _along(kind: type[Effect], names: tuple[str, ...], h: float) -> Any:
     def along(numbers: Any, motor: Any, speed: Any) -> Any:
         effect: Any = kind("", **dict(zip(names, numbers, strict=True)))

@@ -36,8 +36,8 @@ def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], searc
     total = sum(weights.values())
     out = []
     for effect in best.fit.effects:
-        key = effect.id, effect.where
-        others = {k for s in rivals.get(key, ()) for k in s.keys - best.keys}
+        sets = rivals.get(effect.key, ())
+        others = {(e.id, e.where) for s in sets for e in s.fit.effects if e.key not in best.keys}
         out.append(
             Finding(
                 effect=effect.id,
@@ -45,7 +45,7 @@ def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], searc
                 where={"kind": effect.kind, "name": effect.where},
                 parameters=_estimates(effect, deviations, best.fit.problem.simulator.model),
                 equation=effect.equation,
-                confidence=round(float(sum(w for keys, w in weights.items() if key in keys) / total), 4),
+                confidence=round(float(sum(w for keys, w in weights.items() if effect.key in keys) / total), 4),
                 rivals=sorted({name if where == effect.where else f"{name} at {where}" for name, where in others}),
             )
         )

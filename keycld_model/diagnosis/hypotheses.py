@@ -33,7 +33,7 @@ class Hypothesis:
     @property
     def key(self) -> tuple[str, str]:
         """What it is and where."""
-        return self.effect.id, self.effect.where
+        return self.effect.key
 
     @property
     def pushes(self) -> bool:

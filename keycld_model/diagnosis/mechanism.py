@@ -277,10 +277,13 @@ def _matrix(quaternion: Array) -> tuple[Vector, Vector, Vector]:
     return tuple(_clean(row) for row in matrix.reshape(3, 3))  # pyright: ignore[reportReturnType]
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=4)
 def _programs(mechanism: Mechanism) -> Callable[[Slots], Any]:
-    """Programs of equal mechanisms: `[S, 2 nv, N]` for numbers, states, control and times of the start."""
-    return functools.cache(functools.partial(_program, mechanism))
+    """Programs of equal mechanisms: `[S, 2 nv, N]` for numbers, states, control and times of the start.
+
+    The last ones used: each takes memory, and some of the mappings of which a process may have 65,530 on Linux.
+    """
+    return functools.lru_cache(maxsize=6)(functools.partial(_program, mechanism))
 
 
 class _Numbers(NamedTuple):

@@ -87,11 +87,11 @@ def _moved(fit: Fit, named: Sequence[Effect], force: ResidualForce, values: Arra
 
 
 def _placed(fit: Fit) -> Fit:
-    """With its residual force at the joint where it changes most."""
+    """With its residual force at the joint where it explains most."""
     force = residual_force_of(fit)
     if force is None:
         return fit
-    where = int(np.argmax(np.std(force.features(*_paths(fit)) @ force.weights, axis=(0, 1))))
+    where = int(_Normal.at(fit).worth(force).argmax())
     there = replace(force, where=fit.problem.simulator.model.joint(where).name)
     return replace(fit, point=fit.point.with_effects(*fit.effects[:-1], there))
 
@@ -175,6 +175,19 @@ class _Normal:
         matrix, vector = self._equations(force.features)
         solution = np.linalg.solve(matrix + np.diag(self._prior(force)), vector).astype(np.float64)
         return solution[len(self.prior) :].reshape(-1, len(self.scale)), solution[: len(self.prior)]
+
+    def worth(self, force: ResidualForce) -> Array:
+        """Twice the nats `[nv]` that a fit loses without the force at each joint, nuisances fitted again."""
+        n, nv = len(self.prior), len(self.scale)
+        push = force.features(*self.paths) @ force.weights
+        matrices, out = self.matrices, np.zeros(nv)
+        nuisances = matrices[:, :n, :n].sum(axis=0) + np.diag(self.prior)
+        for j in range(nv):
+            alone = (push * (np.arange(nv) == j)).reshape(len(matrices), -1)
+            cross = np.einsum("wib,wb->i", matrices[:, :n, n:], alone)
+            own = np.einsum("wb,wbc,wc->", alone, matrices[:, n:, n:], alone)
+            out[j] = own - cross @ np.linalg.solve(nuisances, cross)
+        return out
 
     def evidence(self, forces: Sequence[ResidualForce]) -> Array:
         """Logarithm of the marginal likelihood of each force's features and prior, nats up to a constant.

@@ -73,7 +73,7 @@ class Scored:
     @property
     def keys(self) -> frozenset[tuple[str, str]]:
         """What and where."""
-        return frozenset((e.id, e.where) for e in self.fit.effects)
+        return frozenset(e.key for e in self.fit.effects)
 
 
 class Search:
@@ -134,9 +134,8 @@ class Search:
 
     def _replace(self, best: Scored, effect: Effect) -> None:
         """Look for sets with another effect in one's place; once."""
-        key = effect.id, effect.where
-        if (best.keys, key) not in self._replaced:
-            self._replaced.add((best.keys, key))
+        if (best.keys, effect.key) not in self._replaced:
+            self._replaced.add((best.keys, effect.key))
             rest = (e for e in best.fit.effects if e is not effect)
             self._finalists(self._refine(best.fit.point.with_effects(*rest)), largest=1)
 
@@ -180,8 +179,8 @@ class Search:
         out = {}
         for effect in best.fit.effects:
             self._replace(best, effect)
-            kept = best.keys - {(effect.id, effect.where)}
-            out[effect.id, effect.where] = [
+            kept = best.keys - {effect.key}
+            out[effect.key] = [
                 s
                 for keys, s in self.found.items()
                 if kept < keys and len(keys) == len(best.keys) and keys != best.keys and s.score < best.score + within
@@ -215,7 +214,7 @@ class Search:
 
     def _promising(self, fit: Fit, largest: int) -> Iterator[tuple[Effect, ...]]:
         """Sets that promise most at a fit's linearisation: its own effects, and up to some more."""
-        used = {(e.id, e.where) for e in fit.effects}
+        used = {e.key for e in fit.effects}
         free = [h for h in self.hypotheses if h.key not in used]
         yield from promising(fit, free, {size: number for size, number in REFINED.items() if size <= largest})
 

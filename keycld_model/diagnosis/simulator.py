@@ -125,14 +125,11 @@ class Simulator:
         used, which = np.unique(which, return_inverse=True)
         variants = [variants[i] for i in used]
         positions, velocities, _ = self.roll(variants, which, windows, q, v, pushes)
+        shown = [_shown(variant, windows.time) - _shown(variant, windows.start)[:, None] for variant in variants]
         out = np.empty((len(which), *windows.measured.shape))
         zero = [i for i, n in enumerate(self.nuisances) if n.kind == "zero"]
-        for p, variant in enumerate(variants[i] for i in which):
-            time = windows.time
-            for effect in variant.effects:
-                time = effect.observe(time)
-            out[p] = _hermite(positions[p], velocities[p], time - windows.start[:, None], self.step)
-            out[p] += variant.values[zero]
+        for p, i in enumerate(which):
+            out[p] = _hermite(positions[p], velocities[p], shown[i], self.step) + variants[i].values[zero]
         return out
 
     def roll(
@@ -150,7 +147,8 @@ class Simulator:
             for model, variant in zip(self._models.take(len(variants)), variants, strict=True)
         ]
         filtered = [self._filtered(variant, windows) for variant in variants]
-        commands = np.stack([_pieces(some, windows) for some in filtered])[which]
+        late = [(_shown(variant, windows.start) - windows.start) / self.step for variant in variants]
+        commands = np.stack([_pieces(*some, windows) for some in zip(filtered, late, strict=True)])[which]
         forces = np.zeros((*commands.shape[:-1], self.model.nv)) if pushes is None else pushes
         if any(variant.pulses for variant in variants):
             forces = forces + np.stack([self._pushes(variant, windows) for variant in variants])[which]
@@ -263,7 +261,7 @@ class Simulator:
         for i, some in enumerate(pushing):
             for e, effect in enumerate(some):
                 if effect.memory:
-                    kinds.setdefault((effect.id, effect.where), []).append((i, e))
+                    kinds.setdefault(effect.key, []).append((i, e))
         if kinds:
             longest = max(map(len, windows.commands))
             speeds = np.stack([_padded(v, longest) for v in windows.speeds], axis=1)  # [T, R, nv]
@@ -272,7 +270,7 @@ class Simulator:
             motor = np.zeros((longest, len(at), len(windows.commands)))
             if isinstance(effects[0], TransmissionEffect):
                 for row, (i, _) in enumerate(at):
-                    torques = [effects[row].motor_torque(models[i], u) for u in filtered[i]]
+                    torques = [effects[row].torque_of(models[i], u) for u in filtered[i]]
                     motor[:, row] = np.stack([_padded(torque, longest) for torque in torques], axis=1)
             path = memories(effects, motor, speeds[..., effects[0].dof(self.model)], self.step)
             for row, (i, e) in enumerate(at):
@@ -280,13 +278,21 @@ class Simulator:
         return [Pushing(some, tuple(memory)) for some, memory in zip(pushing, out, strict=True)]
 
 
-def _pieces(commands: Sequence[Array], windows: Windows) -> Array:
-    """What motors get in windows, `[W, S, nu]`."""
-    out = np.empty((len(windows), windows.steps, commands[0].shape[1]))
-    for w, (r, k) in enumerate(zip(windows.recording, windows.first, strict=True)):
-        piece = commands[r][k : k + windows.steps]
-        out[w, : len(piece)], out[w, len(piece) :] = piece, piece[-1:]
-    return out
+def _shown(variant: Variant, t: Array) -> Array:
+    """Times of the motion that sensors show at times."""
+    for effect in variant.effects:
+        t = effect.observe(t)
+    return t
+
+
+def _pieces(commands: Sequence[Array], late: Array, windows: Windows) -> Array:
+    """What motors get in windows that start so many steps after their own start, `[W, S, nu]`."""
+    first = windows.first + late
+    whole, part = np.floor(first).astype(int), (first % 1.0)[:, None, None]
+    out = np.empty((len(windows), windows.steps + 1, commands[0].shape[1]))
+    for row, r, k in zip(out, windows.recording, whole, strict=True):
+        row[:] = commands[r][np.clip(np.arange(k, k + len(row)), 0, len(commands[r]) - 1)]
+    return (1 - part) * out[:, :-1] + part * out[:, 1:]
 
 
 def _padded(values: Array, length: int) -> Array:

@@ -13,6 +13,8 @@ from keycld_envs.recordings import Recording
 Array = NDArray[np.float64]
 SMOOTH = 7
 """Samples of a local parabola."""
+EVEN = 4
+"""Steps of windows are a multiple of it."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +116,9 @@ def _steps_before(seconds: Any, step: float) -> Any:
 
 
 def _steps_over(time: Array, start: Array, step: float) -> int:
-    """Steps that windows need to reach their last samples, times `[W, n]` and `[W]`."""
-    return int(np.ceil((time[:, -1] - start).max() / step)) + 1
+    """Steps that windows need to reach their last samples, times `[W, n]` and `[W]`; few numbers, each is compiled."""
+    steps = int(np.ceil((time[:, -1] - start).max() / step)) + 1
+    return steps + -steps % EVEN
 
 
 def _seen(measured: Array) -> Any:

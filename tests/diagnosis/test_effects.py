@@ -14,7 +14,7 @@ from keycld_envs.effects import (
     HystereticFriction,
     JointFlexibility,
     LoadDependentFriction,
-    ParameterDrift,
+    MassDrift,
 )
 from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.effects.base_motion import weight
@@ -65,7 +65,9 @@ def test_an_effect_names_its_place_and_does_something_only_if_present(effect, sy
 
 
 def test_the_taxonomy_names_them():
-    assert all(name == effect.id == effect.__module__.rsplit(".", 1)[1] for name, effect in EFFECTS.items())
+    drifts = {"friction_drift", "gain_drift", "mass_drift"}
+    assert all(effect.id == ("parameter_drift" if name in drifts else name) for name, effect in EFFECTS.items())
+    assert len({(effect.id, effect.kind) for effect in EFFECTS.values()}) == len(EFFECTS)
 
 
 def test_dry_friction_holds_the_acrobot_too():
@@ -187,7 +189,7 @@ def test_what_leaks_accelerates_as_its_lighter_self():
     lighter.body_inertia[2] *= 0.8
     q, v = np.array([0.4, 1.0]), np.array([1.0, -2.0])
     data, other = mujoco.MjData(model), mujoco.MjData(lighter)
-    drift = ParameterDrift(model.body(2).name, r=-0.1)
+    drift = MassDrift(model.body(2).name, r=-0.1)
     for m, d in ((model, data), (lighter, other)):
         d.qpos[:], d.qvel[:] = q, v
         if m is model:

@@ -5,7 +5,7 @@ from html import escape
 import mujoco
 import numpy as np
 
-from keycld_envs.effects import EFFECTS, Effect
+from keycld_envs.effects import Effect, effect_class
 from keycld_model.diagnosis.evidence import Evidence
 from keycld_model.diagnosis.native import native
 from keycld_model.diagnosis.page.geometry import HINGE
@@ -65,7 +65,7 @@ def _card(number: int, finding: Finding) -> str:
     where = place(finding) if kind in ("world", "sensor", "camera") else f"{kind} <b>{escape(name)}</b>"
     rows = "".join(_parameter(finding, n, e) for n, e in finding.parameters.items())
     rivals = ", ".join(escape(_rival(r)) for r in finding.rivals)
-    none = "No other effect" if finding.effect in EFFECTS else "No effect of the library"
+    none = "No other effect" if effect_class(finding.effect, kind) else "No effect of the library"
     rivals = f"These data do not exclude {rivals}." if rivals else f"{none} explains these data as well."
     equation = f'<p class="law">{mathml(finding.equation)}</p>' if finding.equation else ""
     share = 100 * min(max(finding.confidence, 0.0), 1.0)
@@ -82,7 +82,8 @@ def _card(number: int, finding: Finding) -> str:
 
 def _parameter(finding: Finding, name: str, estimate: Estimate) -> str:
     """A number, and its interval on a scale from where the effect would be absent."""
-    known = {p.name: p for p in EFFECTS[finding.effect].parameters()} if finding.effect in EFFECTS else {}
+    effect = effect_class(finding.effect, finding.where["kind"])
+    known = {p.name: p for p in effect.parameters()} if effect else {}
     absent = known[name].absent if name in known and not known[name].grid else None
     low, high = min(estimate.low, estimate.value), max(estimate.high, estimate.value)
     ends = [low, high] if absent is None else [low, high, absent]

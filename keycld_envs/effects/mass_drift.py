@@ -10,7 +10,7 @@ from keycld_envs.effects.base import Array, Effect, flat, functions, parameter
 
 
 @dataclass(frozen=True)
-class ParameterDrift(Effect):
+class MassDrift(Effect):
     """The mass of a body changes linearly in time: something leaks, or builds up."""
 
     id: ClassVar[str] = "parameter_drift"
@@ -21,7 +21,7 @@ class ParameterDrift(Effect):
     r: float = parameter("1/s", 0.01, low=-0.2, high=0.5)
 
     @classmethod
-    def candidates(cls, model: mujoco.MjModel) -> tuple["ParameterDrift", ...]:
+    def candidates(cls, model: mujoco.MjModel) -> tuple["MassDrift", ...]:
         """Every body that moves in joints of its own."""
         return tuple(cls(model.body(b).name) for b in range(1, model.nbody) if model.body_dofnum[b])
 
