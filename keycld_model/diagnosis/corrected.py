@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
 from keycld_model.diagnosis.evidence import Evidence
+from keycld_model.diagnosis.loops import anchors, bodies, connections
 from keycld_model.diagnosis.native import Native, native
 from keycld_model.diagnosis.source import Source
 from keycld_model.diagnosis.words import call, spelled_out
@@ -81,6 +82,7 @@ def corrected_xml(written: Native, source: Source) -> str:
         _actuator(actuator, rough, target)
         for name, value in written.actuators.get(str(actuator.get("name")), {}).items():
             actuator.set(name, value)
+    _loops(root, rough, target)
     ElementTree.indent(root)
     out = _comment(written) + ElementTree.tostring(root, encoding="unicode") + "\n"
     _verify(mujoco.MjModel.from_xml_string(out, dict(source.assets)), target)
@@ -158,6 +160,27 @@ def _actuator(element: Element, rough: Model, target: Model) -> None:
         element.set("ctrllimited", "true")
 
 
+def _loops(root: Element, rough: Model, target: Model) -> None:
+    """Points that close loops; between sites, where MuJoCo would put them elsewhere."""
+    places = {b: root.find(f".//body[@name='{target.body(b).name}']") for b in range(1, target.nbody)}
+    places[0] = root.find("worldbody")
+    elements = list(root.find("equality") or [])
+    for i in connections(target):
+        points = list(zip(bodies(target, i), anchors(target, i), anchors(rough, i), strict=True))
+        if all(np.array_equal(new, old) for _, new, old in points):
+            continue
+        for name in ("body1", "body2", "anchor"):
+            elements[i].attrib.pop(name, None)
+        for k, (body, point, _) in enumerate(points):
+            name, place = f"loop {i} {k + 1}", places[body]
+            if place is None:
+                raise InputError(
+                    f"corrected.xml cannot be written: body {body} of a connection has no name; give it one."
+                )
+            elements[i].set(f"site{k + 1}", name)
+            ElementTree.SubElement(place, "site", {"name": name, "pos": _text(point)})
+
+
 def _differs(rough: Model, target: Model, name: str, index: int) -> bool:
     return not np.array_equal(getattr(rough, name)[index], getattr(target, name)[index])
 
@@ -176,3 +199,6 @@ def _verify(got: Model, target: Model) -> None:
                 f"corrected.xml cannot be written: {name} is not what was fitted after the MJCF was written anew; use "
                 "the effects of report.json with the original file."
             )
+    for i in connections(target):
+        if not np.allclose(np.array(anchors(got, i)), np.array(anchors(target, i)), rtol=1e-12, atol=1e-12):
+            raise InputError("corrected.xml cannot be written: a loop closes elsewhere; use report.json instead.")

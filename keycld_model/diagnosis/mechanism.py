@@ -283,7 +283,7 @@ def _programs(mechanism: Mechanism) -> Callable[[Slots], Any]:
 
     The last ones used: each takes memory, and some of the mappings of which a process may have 65,530 on Linux.
     """
-    return functools.lru_cache(maxsize=6)(functools.partial(_program, mechanism))
+    return functools.lru_cache(maxsize=32)(functools.partial(_program, mechanism))
 
 
 class _Numbers(NamedTuple):

@@ -164,8 +164,7 @@ def test_effects_push_in_compiled_steps_as_they_do_step_by_step(name):
         '<option density="1.2"/><worldbody><body><joint/><geom size="0.1"/></body></worldbody>',
         '<worldbody><body><joint name="a"/><geom size="0.1"/></body></worldbody>'
         '<actuator><general joint="a" dyntype="filter" dynprm="0.1"/></actuator>',
-        '<worldbody><body name="b"><joint/><geom size="0.1"/></body></worldbody>'
-        '<equality><weld body1="b"/></equality>',
+        '<worldbody><body name="b"><joint/><geom size="0.1"/></body></worldbody><equality><weld body1="b"/></equality>',
     ],
 )
 def test_what_only_mujoco_can_step_is_left_to_it(xml):
