@@ -114,7 +114,7 @@ def _forces(fit: Fit, effects: Sequence[Effect], parts: int) -> Array:
     q, v, u = (x[0] for x in path)
     middle_q = (q[:, 1:] + q[:, :-1]) / 2 - h / 8 * np.diff(v, axis=1)
     middle_v = 1.5 * np.diff(q, axis=1) / h - (v[:, 1:] + v[:, :-1]) / 4
-    time = windows.start[:, None] + (np.arange(windows.steps) + 0.5) * h
+    time = windows.begun[:, None] + (np.arange(windows.steps) + 0.5) * h
     edges = windows.edges(parts)
     out = np.zeros((len(effects), len(windows), parts, point.q.shape[1]))
     for row, effect in zip(out, effects, strict=True):

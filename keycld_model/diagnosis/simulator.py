@@ -125,7 +125,9 @@ class Simulator:
         used, which = np.unique(which, return_inverse=True)
         variants = [variants[i] for i in used]
         positions, velocities, _ = self.roll(variants, which, windows, q, v, pushes)
-        shown = [_shown(variant, windows.time) - _shown(variant, windows.start)[:, None] for variant in variants]
+        begun = windows.begun[:, None]
+        since = windows.time - windows.start[:, None] + begun
+        shown = [_shown(variant, since) - _shown(variant, begun) for variant in variants]
         out = np.empty((len(which), *windows.measured.shape))
         zero = [i for i, n in enumerate(self.nuisances) if n.kind == "zero"]
         for p, i in enumerate(which):
@@ -147,7 +149,7 @@ class Simulator:
             for model, variant in zip(self._models.take(len(variants)), variants, strict=True)
         ]
         filtered = [self._filtered(variant, windows) for variant in variants]
-        late = [(_shown(variant, windows.start) - windows.start) / self.step for variant in variants]
+        late = [(_shown(variant, windows.begun) - windows.begun) / self.step for variant in variants]
         commands = np.stack([_pieces(*some, windows) for some in zip(filtered, late, strict=True)])[which]
         forces = np.zeros((*commands.shape[:-1], self.model.nv)) if pushes is None else pushes
         if any(variant.pulses for variant in variants):
@@ -202,7 +204,7 @@ class Simulator:
         (p, w, s, _), nv, nu, h = control.shape, self.model.nv, self.model.nu, self.step
         state, of, window = np.zeros((p * w, by.size)), np.repeat(which, w), np.tile(np.arange(w), p)
         state[:, by.motion] = start.reshape(p * w, -1)
-        clock = np.tile(windows.start, p)
+        clock = np.tile(windows.begun, p)
         if not by_hand:
             present = [some if i in which else Pushing() for i, some in enumerate(pushing)]
             path = by.run(by.batch(Copies(models, present, of, window), s), state, control.reshape(p * w, s, -1), clock)
@@ -212,7 +214,7 @@ class Simulator:
         rows = {i: np.flatnonzero(which == i) for i in np.unique(which)}
         acting = [(i, effect) for i in rows for effect in pushing[i].effects]
         memories = [np.repeat(m[None], len(rows[i]), axis=0) for i in rows for m in pushing[i].memories]
-        time, before = windows.start + h / 2, start[..., nv:]
+        time, before = windows.begun + h / 2, start[..., nv:]
         for k in range(s):
             now = state[:, by.motion].reshape(p, w, -1)
             q, v = now[..., :nv], now[..., nv:]

@@ -47,6 +47,11 @@ class Windows:
         return len(self.start)
 
     @property
+    def begun(self) -> Array:
+        """`[W]` seconds from the start of the recording to that of the window: clocks may count from any time."""
+        return (self.first * self.step).astype(np.float64)
+
+    @property
     def end(self) -> Array:
         """`[W]` time of the last step, s."""
         return self.start + self.steps * self.step
@@ -112,7 +117,7 @@ def cut(recordings: Sequence[Recording], step: float, samples: int) -> Windows:
 
 def _steps_before(seconds: Any, step: float) -> Any:
     """Whole steps that end within so much time."""
-    return np.floor(seconds / step + 1e-6).astype(int)
+    return np.floor(seconds / step + 1e-4).astype(int)  # clocks may have large numbers, and few digits left
 
 
 def _steps_over(time: Array, start: Array, step: float) -> int:
