@@ -43,23 +43,25 @@ def run(args: Args) -> int:
     if not args.data.is_dir():
         raise InputError(f"{args.data} is no folder; docs/real-data.md says where to get the data sets.")
     results = []
-    with progress("Gates", len(names)) as advance:
-        for name in names:
-            advance(0, name)
-            result = GATES[name](args.data)
-            results.append(result)
-            if args.out is not None:
-                from keycld_model.diagnosis.real.plots import write_page
+    try:
+        with progress("Gates", len(names)) as advance:
+            for name in names:
+                advance(0, name)
+                result = GATES[name](args.data)
+                results.append(result)
+                if args.out is not None:
+                    from keycld_model.diagnosis.real.plots import write_page
 
-                args.out.mkdir(parents=True, exist_ok=True)
-                write_result(result.to_dict(), args.out / f"{name}.json")
-                if result.curves:
-                    write_page(result, args.out / f"{name}.html")
-            advance(1)
-    if args.json:
-        print_result({"gates": [result.to_dict() for result in results]}, as_json=True)
-    else:
-        _print_table(results)
+                    args.out.mkdir(parents=True, exist_ok=True)
+                    write_result(result.to_dict(), args.out / f"{name}.json")
+                    if result.curves:
+                        write_page(result, args.out / f"{name}.html")
+                advance(1)
+    finally:  # a gate that cannot run does not take the others with it
+        if args.json and len(results) == len(names):
+            print_result({"gates": [result.to_dict() for result in results]}, as_json=True)
+        elif results and not args.json:
+            _print_table(results)
     return 0 if all(result.passed for result in results) else 1
 
 

@@ -89,6 +89,18 @@ def test_the_page_of_a_gate_shows_what_was_required(tmp_path: Path) -> None:
     assert "https://cdn" not in page.split("<script")[1]
 
 
+def test_gates_that_ran_are_told_if_a_later_one_cannot(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ran(folder: Path) -> GateResult:
+        return GateResult("R2", "a rig", "to swing", "swings a little", False, {}, 1.0)
+
+    monkeypatch.setitem(GATES, "R2", ran)  # the real one takes minutes
+    assert main(["real", str(tmp_path), "--only", "R2,R4"]) == 2
+    said = capsys.readouterr()
+    assert "swings a little" in said.out and "lab1_data.txt does not exist" in said.err
+
+
 def test_a_wrong_folder_or_gate_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, message in (
         ([str(tmp_path / "none")], "is no folder; docs/real-data.md"),
