@@ -66,9 +66,9 @@ class Scored:
     score: float
 
     @property
-    def numbers(self) -> int:
-        """How many the effects have."""
-        return len(knobs(self.fit.effects))
+    def size(self) -> tuple[int, int]:
+        """How many numbers the effects have, and how many effects they are."""
+        return len(knobs(self.fit.effects)), len(self.keys)
 
     @property
     def keys(self) -> frozenset[tuple[str, str]]:
@@ -140,11 +140,11 @@ class Search:
             self._finalists(self._refine(best.fit.point.with_effects(*rest)), largest=1)
 
     def _simplified(self, best: Scored) -> Scored:
-        """With fewer numbers, if any set found on the way explains materially as much."""
+        """With fewer numbers, or as many of fewer effects, if any set found on the way explains materially as much."""
         least = self._least(best)
-        fewer = [s for s in self.found.values() if s.numbers < best.numbers and s.score < best.score + 10 * least]
+        fewer = [s for s in self.found.values() if s.size < best.size and s.score < best.score + 10 * least]
         refined = [self._refine(s.fit.point) for s in sorted(fewer, key=_score)[:FINALISTS]]
-        return min([best, *(s for s in refined if s.score < best.score + least)], key=lambda s: (s.numbers, s.score))
+        return min([best, *(s for s in refined if s.score < best.score + least)], key=lambda s: (s.size, s.score))
 
     def _least(self, scored: Scored) -> float:
         """Nats that one more effect must gain."""
