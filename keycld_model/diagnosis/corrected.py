@@ -78,7 +78,7 @@ def corrected_xml(written: Native, source: Source) -> str:
         _body(body, rough, target)
         for joint in body.findall("joint"):
             _joint(joint, rough, target)
-    for actuator in (root.find("actuator") or Element("none")) if target.nu else ():
+    for actuator in root.findall("actuator/*"):
         _actuator(actuator, rough, target)
         for name, value in written.actuators.get(str(actuator.get("name")), {}).items():
             actuator.set(name, value)
@@ -162,9 +162,7 @@ def _actuator(element: Element, rough: Model, target: Model) -> None:
 
 def _loops(root: Element, rough: Model, target: Model) -> None:
     """Points that close loops; between sites, where MuJoCo would put them elsewhere."""
-    places = {b: root.find(f".//body[@name='{target.body(b).name}']") for b in range(1, target.nbody)}
-    places[0] = root.find("worldbody")
-    elements = list(root.find("equality") or [])
+    elements = root.findall("equality/*")
     for i in connections(target):
         points = list(zip(bodies(target, i), anchors(target, i), anchors(rough, i), strict=True))
         if all(np.array_equal(new, old) for _, new, old in points):
@@ -172,7 +170,8 @@ def _loops(root: Element, rough: Model, target: Model) -> None:
         for name in ("body1", "body2", "anchor"):
             elements[i].attrib.pop(name, None)
         for k, (body, point, _) in enumerate(points):
-            name, place = f"loop {i} {k + 1}", places[body]
+            name = f"loop {i} {k + 1}"
+            place = root.find(f".//body[@name='{target.body(body).name}']" if body else "worldbody")
             if place is None:
                 raise InputError(
                     f"corrected.xml cannot be written: body {body} of a connection has no name; give it one."

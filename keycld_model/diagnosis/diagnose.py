@@ -71,7 +71,8 @@ def diagnose(
     training, test = (recordings, held_out) if held_out else split(recordings)
     training, test = [thin(r) for r in training], [thin(r) for r in test]
     spacing = float(np.median(np.concatenate([np.diff(np.asarray(r.t_state)) for r in training])))
-    fine, sigma = max(0.001, round(spacing / np.ceil(spacing / 0.0101), 3)), noise(training)
+    fine = max(0.001, round(spacing / np.ceil(spacing / 0.0101), 3))  # few values, for each is compiled
+    sigma = noise(training)
     with progress("Diagnosing", total=5) as advance:
         fits = [_refit(s, training, sigma) for s in (Simulator(model, fine), Simulator(model))]
         advance(1, "searching")

@@ -277,7 +277,7 @@ def _matrix(quaternion: Array) -> tuple[Vector, Vector, Vector]:
     return tuple(_clean(row) for row in matrix.reshape(3, 3))  # pyright: ignore[reportReturnType]
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=8)
 def _programs(mechanism: Mechanism) -> Callable[[Slots], Any]:
     """Programs of equal mechanisms: `[S, 2 nv, N]` for numbers, states, control and times of the start.
 

@@ -46,7 +46,7 @@ def fit_residual_force(fit: Fit, rounds: int = ROUNDS, seed: int = 0) -> Fit:
         short = replace(fit.problem, windows=fit.problem.windows.shorter(SHORTER))
         start = replay(fit.problem, _added(replay(short, fit), fit.effects, rounds, seed), SETTLE)
     best = _added(start, fit.effects, rounds, seed)
-    return _placed(best) if best.cost < fit.cost else fit
+    return best if best.cost < fit.cost else fit
 
 
 def _added(start: Fit, named: Sequence[Effect], rounds: int, seed: int) -> Fit:
@@ -70,7 +70,10 @@ def _added(start: Fit, named: Sequence[Effect], rounds: int, seed: int) -> Fit:
 
 
 def lengthened(fit: Fit, problem: Problem, rounds: int = ROUNDS) -> Fit:
-    """A fit with a residual force, fitted on to longer windows of the same recordings, in which errors pile up."""
+    """A fit with a residual force, fitted on to longer windows of the same recordings, in which errors pile up.
+
+    The force is then at the joint where it explains most.
+    """
     return _placed(replay(fit.problem, _descend(replay(problem, fit, SETTLE), rounds)))
 
 
