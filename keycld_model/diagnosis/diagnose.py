@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.effects import Effect
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.checks import check, check_apart
@@ -76,7 +77,7 @@ def diagnose(
     with progress("Diagnosing", total=5) as advance:
         fits = [_refit(s, training, sigma) for s in (Simulator(model, fine), Simulator(model))]
         advance(1, "searching")
-        explained = _search(fits)
+        explained = _finer(_search(fits), training)
         advance(1, "rivals")
         found = explained.findings(training)
         advance(1, "testing on held-out recordings")
@@ -206,11 +207,16 @@ def _unnamed(
 
 def _refit(simulator: Simulator, recordings: Sequence[Recording], sigma: NDArray[np.float64]) -> Fit:
     """Nuisances alone."""
+    problem = _problem(simulator, recordings, sigma)
+    return problem.minimise(problem.start(), iterations=15)
+
+
+def _problem(simulator: Simulator, recordings: Sequence[Recording], sigma: NDArray[np.float64]) -> Problem:
+    """Of recordings in windows."""
     windows = cut(recordings, simulator.step, SAMPLES)
     if len(windows) > WINDOWS:
         windows = windows.take(np.linspace(0, len(windows) - 1, WINDOWS).round().astype(int))
-    problem = Problem(simulator, windows, sigma)
-    return problem.minimise(problem.start(), iterations=15)
+    return Problem(simulator, windows, sigma)
 
 
 def _search(fits: Sequence[Fit]) -> _Explained:
@@ -225,14 +231,28 @@ def _search(fits: Sequence[Fit]) -> _Explained:
     return _explain(second) if rival < best.cost - 1 else explained
 
 
-def _explain(refitted: Fit) -> _Explained:
-    """The best set of effects and pushes with one integrator.
+def _finer(explained: _Explained, recordings: Sequence[Recording]) -> _Explained:
+    """With steps half as long, where that explains more: commands that jump within a step, stiff springs, stops."""
+    best, temper = explained.best.fit, explained.search.temper
+    coarse = best.problem.simulator
+    if coarse.own or best.point.variant.pulses:
+        return explained
+    problem = _problem(Simulator(coarse.model, coarse.step / 2), recordings, best.problem.noise)
+    fine = problem.minimise(replay(problem, best).point)
+    if fine.cost > best.cost - DOUBTFUL * temper:
+        return explained
+    refitted = problem.minimise(replay(problem, explained.refitted).point, iterations=15)
+    return _explain(refitted, fine.effects)
+
+
+def _explain(refitted: Fit, effects: Sequence[Effect] = ()) -> _Explained:
+    """The best set of effects and pushes with one integrator, with some effects to start from.
 
     Pushes only where neither effects nor a smooth force on the joints, which would come again in the same states, leave
     only noise.
     """
     search = Search(refitted.problem, EXCLUDED)
-    best, smooth = search.run(refitted.point), None
+    best, smooth = search.run(refitted.point, effects), None
     if significant(best.fit).max() > 0:
         smooth = fit_residual_force(refitted)
     if smooth and significant(smooth).max() > 0:

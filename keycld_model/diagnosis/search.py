@@ -92,10 +92,12 @@ class Search:
         self._nothing = np.inf
         self._replaced: set[tuple[frozenset[tuple[str, str]], tuple[str, str]]] = set()
 
-    def run(self, start: Point) -> Scored:
-        """The best set of effects; none if nothing is worth its numbers."""
+    def run(self, start: Point, effects: Sequence[Effect] = ()) -> Scored:
+        """The best set of effects, with some to start from; none if nothing is worth its numbers."""
         best = self._refine(start.with_effects())
         self._nothing = best.score
+        if effects:
+            best = min(best, self._refine(start.with_effects(*effects)), key=_score)
         for _ in range(ROUNDS):
             better = self._simplified(self._pruned(min([best, *self._finalists(best)], key=_score)))
             better = self._refine(self._exchanged(better).fit.point, thoroughly=True)

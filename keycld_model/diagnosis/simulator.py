@@ -65,12 +65,13 @@ class Simulator:
     Attributes:
         model: as it is believed to be.
         step: seconds.
+        own: with the model's integrator and time step.
         nuisances: what may be refitted.
     """
 
     def __init__(self, model: mujoco.MjModel, step: float | None = None, threads: int = 2) -> None:
         """With Runge-Kutta steps of `step` seconds, or with the model's own integrator and time step."""
-        self.model = copy.copy(model)
+        self.model, self.own = copy.copy(model), step is None
         if step is not None:
             self.model.opt.timestep, self.model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
         self.model.opt.enableflags = 0
