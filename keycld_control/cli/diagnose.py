@@ -42,6 +42,7 @@ def run(args: Args) -> int:
     from keycld_model.diagnosis.corrected import write_corrected
     from keycld_model.diagnosis.page import write_page
     from keycld_model.diagnosis.source import Source
+    from keycld_model.diagnosis.words import experiment
 
     recordings = read_dataset(args.recordings).recordings
     held_out = read_dataset(args.held_out).recordings if args.held_out else ()
@@ -58,6 +59,8 @@ def run(args: Args) -> int:
         print_result(report.to_dict(), as_json=True)
     else:
         print(report.headline)
+        if report.next_experiment is not None:
+            print(experiment(report.next_experiment))
         summary = {f.effect: f"{f.where['name']}, confidence {f.confidence:.2f}" for f in report.findings}
         errors = {"nominal": report.fit.nominal, "refitted": report.fit.refitted, "corrected": report.fit.corrected}
         units = {f"held-out error {name} ({report.fit.unit})": error for name, error in errors.items()}

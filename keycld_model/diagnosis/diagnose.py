@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -17,12 +18,14 @@ from keycld_model.diagnosis.findings import (
     headline_of,
     nuisance_of,
     pulses_of,
+    rival_name,
     significant,
     unexplained_of,
     unknown_of,
 )
 from keycld_model.diagnosis.fit import Fit, Problem
 from keycld_model.diagnosis.held_out import likelihood, replay, rollout_error
+from keycld_model.diagnosis.next_experiment import next_experiment
 from keycld_model.diagnosis.noise import noise
 from keycld_model.diagnosis.prepare import SAMPLES, split, thin
 from keycld_model.diagnosis.pulses import concentrated, paid, pushed
@@ -94,6 +97,8 @@ def diagnose(
             verdict: Verdict = "undetermined" if concluded.findings else concluded.verdict
             concluded, rollouts[2] = replace(concluded, fit=refitted, verdict=verdict), rollouts[1]
         limits = rollouts if concluded.ceiling is None else [*rollouts, trial.long(concluded.ceiling)]
+        doubts = explained.doubts(concluded.verdict == "undetermined") if named.findings else []
+        proposed = next_experiment(explained.best.fit, doubts, training, trial.samples) if doubts else None
         errors = FitErrors(
             f"root mean square of rollouts over {trial.seconds:.2g} s with fitted initial states",
             "mrad or mm",
@@ -109,6 +114,7 @@ def diagnose(
         unexplained=unexplained,
         fit=errors,
         held_out=[r.id for r in test],
+        next_experiment=proposed,
         details={
             "gain_nats": round(explained.gain, 2),
             "held_out_gain_nats": round(concluded.nats, 2),
@@ -146,8 +152,21 @@ class _Explained:
 
     def findings(self, training: Sequence[Recording]) -> list[Finding]:
         """All that may be missing."""
-        rivals = self.search.rivals(self.best)
-        return [*findings_of(self.best, rivals, self.search), *pulses_of(self.best.fit, training)]
+        return [*findings_of(self.best, self.rivals, self.search), *pulses_of(self.best.fit, training)]
+
+    @cached_property
+    def rivals(self) -> dict[tuple[str, str], list[Scored]]:
+        """See `Search.rivals`."""
+        return self.search.rivals(self.best)
+
+    def doubts(self, nothing: bool) -> list[tuple[str, Fit]]:
+        """Rivals of the best set by name, and the refitted simulator if `nothing` may be missing."""
+        out = [("nothing", self.refitted)] if nothing else []
+        for effect in self.best.fit.effects:
+            for s in self.rivals[effect.key]:
+                other = next(e for e in s.fit.effects if e.key not in self.best.keys)
+                out.append((rival_name(other, effect), s.fit))
+        return out
 
 
 @dataclass(frozen=True)
@@ -303,6 +322,11 @@ class _Trial:
         samples = min(self.rollouts.windows.time.shape[1], *(len(np.asarray(r.t_state)) for r in training))
         problem = self.rollouts
         return replace(problem, windows=cut(training, problem.simulator.step, samples))
+
+    @property
+    def samples(self) -> int:
+        """Of a long rollout."""
+        return self.rollouts.windows.time.shape[1]
 
     @property
     def seconds(self) -> float:

@@ -37,7 +37,7 @@ def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], searc
     out = []
     for effect in best.fit.effects:
         sets = rivals.get(effect.key, ())
-        others = {(e.id, e.where) for s in sets for e in s.fit.effects if e.key not in best.keys}
+        others = {rival_name(e, effect) for s in sets for e in s.fit.effects if e.key not in best.keys}
         out.append(
             Finding(
                 effect=effect.id,
@@ -46,10 +46,15 @@ def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], searc
                 parameters=_estimates(effect, deviations, best.fit.problem.simulator.model),
                 equation=effect.equation,
                 confidence=round(float(sum(w for keys, w in weights.items() if effect.key in keys) / total), 4),
-                rivals=sorted({name if where == effect.where else f"{name} at {where}" for name, where in others}),
+                rivals=sorted(others),
             )
         )
     return out
+
+
+def rival_name(rival: Effect, effect: Effect) -> str:
+    """What an effect in another's place is called."""
+    return rival.id if rival.where == effect.where else f"{rival.id} at {rival.where}"
 
 
 def _estimates(effect: Effect, deviations: Iterator[float], model: mujoco.MjModel) -> dict[str, Estimate]:

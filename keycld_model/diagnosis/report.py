@@ -86,6 +86,28 @@ class FitErrors:
 
 
 @dataclass(frozen=True)
+class Experiment:
+    """A recording that would tell apart what those at hand cannot.
+
+    Attributes:
+        where: "kind" and "name" of the joint to release, or of the actuator to drive.
+        action: what to do there, a phrase.
+        start: pose at rest to start from, by joint, rad or m.
+        against: what is to be told from the findings: rivals, or "nothing" where perhaps nothing is missing.
+        nats: expected gain in log-likelihood over the least different of them.
+        decisive: that is enough; if not, even the best motion hardly tells them apart, and something else than
+            positions of these joints should be measured.
+    """
+
+    where: dict[str, str]
+    action: str
+    start: dict[str, float]
+    against: list[str]
+    nats: float
+    decisive: bool
+
+
+@dataclass(frozen=True)
 class Report:
     """The result of `diagnose`.
 
@@ -97,6 +119,7 @@ class Report:
         unexplained: what is left after all findings.
         fit: errors on held-out recordings.
         held_out: their ids.
+        next_experiment: None where nothing is left to tell apart.
         schema: of `to_dict`.
         details: of the fits.
         evidence: models, rollouts and residuals, for the page and the corrected model; not part of `to_dict`.
@@ -109,6 +132,7 @@ class Report:
     unexplained: Unexplained
     fit: FitErrors
     held_out: list[str]
+    next_experiment: Experiment | None = None
     schema: str = SCHEMA
     details: dict[str, Any] = field(default_factory=dict)
     evidence: Evidence | None = field(default=None, repr=False, compare=False)

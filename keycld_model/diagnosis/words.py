@@ -5,7 +5,7 @@ from dataclasses import fields
 from math import floor, isfinite, log10
 
 from keycld_envs.effects import Effect
-from keycld_model.diagnosis.report import Estimate, Finding, FitErrors
+from keycld_model.diagnosis.report import Estimate, Experiment, Finding, FitErrors
 
 _NAMES = {
     "coulomb_friction": "Coulomb friction",
@@ -82,6 +82,28 @@ def place(finding: Finding) -> str:
         return "the surroundings" if kind == "world" else f"the {kind}"
     word = kind == "joint" and name.isalpha() and len(name) > 2
     return f"the {name}" if word else f"{kind} {name}"
+
+
+def experiment(proposed: Experiment) -> str:
+    """What to record next, a sentence or two."""
+    others = " and ".join(map(rival, proposed.against))
+    if not proposed.decisive:
+        return (
+            f"No motion that was tried out in simulation would tell these findings from {others}: positions of these "
+            "joints hardly can. Measure something else, such as the motor's current, or accept either."
+        )
+    what = proposed.action.replace("it ", f"{proposed.where['kind']} {proposed.where['name']} ", 1)
+    start = ", ".join(f"{name} {value:.3g}" for name, value in proposed.start.items())
+    return (
+        f"To tell these findings from {others}, {what}, starting at rest at {start}. Expected to tell them apart by "
+        f"{proposed.nats:.0f} nats (10 are clear)."
+    )
+
+
+def rival(text: str) -> str:
+    """As a report has it, for people: "a spring at elbow"."""
+    name, at, where = text.partition(" at ")
+    return f"{in_sentence(name)}{at}{where}" if name != "nothing" else name
 
 
 def headline(verdict: str, findings: list[Finding], errors: FitErrors, unit: str, message: str) -> str:

@@ -18,7 +18,7 @@ from keycld_model.diagnosis.evidence import Evidence
 from keycld_model.diagnosis.page.drawing import draw
 from keycld_model.diagnosis.page.labels import Mark
 from keycld_model.diagnosis.page.plots import plot_data
-from keycld_model.diagnosis.page.sections import code, error_bars, error_unit, findings, nuisances
+from keycld_model.diagnosis.page.sections import code, error_bars, error_unit, findings, following, nuisances
 from keycld_model.diagnosis.report import Report
 from keycld_model.diagnosis.words import effect_name, headline, measured
 
@@ -65,6 +65,7 @@ def html_page(report: Report, environment: str | None = None, corrected: str | N
         errors=error_bars(report, evidence),
         findings=findings(report),
         unexplained=f'<p class="{"warn" if left.significant else "lead"}">{escape(left.message)}{_share(report)}</p>',
+        following=following(report),
         nuisances=nuisances(report, model),
         code=code(evidence, environment, corrected),
         details=_details(report),

@@ -11,7 +11,7 @@ from keycld_model.diagnosis.native import native
 from keycld_model.diagnosis.page.geometry import HINGE
 from keycld_model.diagnosis.page.mathml import mathml
 from keycld_model.diagnosis.report import Estimate, Finding, Report
-from keycld_model.diagnosis.words import call, effect_name, error, in_sentence, measured, place, spelled_out
+from keycld_model.diagnosis.words import call, effect_name, error, experiment, measured, place, rival, spelled_out
 
 
 def error_unit(model: mujoco.MjModel) -> str:
@@ -48,6 +48,14 @@ def error_bars(report: Report, evidence: Evidence) -> str:
     return f'{"".join(out)}<p class="caption">{escape(caption)}</p>'
 
 
+def following(report: Report) -> str:
+    """What to record next."""
+    if report.next_experiment is None:
+        return ""
+    said = escape(experiment(report.next_experiment))
+    return f'<section id="next"><h2>What to record next</h2><p class="lead">{said}</p></section>'
+
+
 def findings(report: Report) -> str:
     """A card for each."""
     if not report.findings:
@@ -64,7 +72,7 @@ def _card(number: int, finding: Finding) -> str:
     kind, name = finding.where["kind"], finding.where["name"]
     where = place(finding) if kind in ("world", "sensor", "camera") else f"{kind} <b>{escape(name)}</b>"
     rows = "".join(_parameter(finding, n, e) for n, e in finding.parameters.items())
-    rivals = ", ".join(escape(_rival(r)) for r in finding.rivals)
+    rivals = ", ".join(escape(rival(r)) for r in finding.rivals)
     none = "No other effect" if effect_class(finding.effect, kind) else "No effect of the library"
     rivals = f"These data do not exclude {rivals}." if rivals else f"{none} explains these data as well."
     equation = f'<p class="law">{mathml(finding.equation)}</p>' if finding.equation else ""
@@ -105,11 +113,6 @@ def _parameter(finding: Finding, name: str, estimate: Estimate) -> str:
 def _row(name: str, text: str, bar: str) -> str:
     shown = escape(text.replace("-", "−"))
     return f'<tr><th scope="row">{name}</th><td>{shown}</td><td class="wide">{bar}</td></tr>'
-
-
-def _rival(text: str) -> str:
-    name, _, where = text.partition(" at ")
-    return f"{in_sentence(name)} at {where}" if where else in_sentence(name)
 
 
 def _when(finding: Finding) -> str:

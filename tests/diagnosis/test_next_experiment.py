@@ -1,0 +1,86 @@
+"""The recording to make next tells rivals apart, which the recordings so far do not."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from plants import recordings
+
+from keycld_envs.effects import ConstantForce, Spring
+from keycld_envs.recordings import Recording
+from keycld_envs.systems import get_system
+from keycld_model.diagnosis.fit import Fit, Problem
+from keycld_model.diagnosis.next_experiment import FASTEST, next_experiment
+from keycld_model.diagnosis.report import Experiment
+from keycld_model.diagnosis.simulator import Simulator
+from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.words import experiment
+
+STIFFNESS = 0.4
+
+
+@pytest.fixture(scope="module")
+def swings() -> list[Recording]:
+    """A pendulum with a spring, which hardly moves."""
+    model = get_system("pendulum").compile()
+    data, out = mujoco.MjData(model), []
+    model.opt.timestep, model.opt.integrator = 0.01, mujoco.mjtIntegrator.mjINT_RK4
+    for run in recordings("pendulum", 3, number=3, seconds=2.0):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], q = np.pi + 0.02, []
+        for _ in range(len(run.qpos)):
+            q.append(data.qpos.copy())
+            data.qfrc_applied[:] = -STIFFNESS * (data.qpos - 2.5)
+            mujoco.mj_step(model, data)
+        noise = np.random.default_rng(int(run.id[-1])).normal(0, 1e-3, (len(q), 1))
+        out.append(replace(run, qpos=np.array(q) + noise, action=np.zeros_like(run.action)))
+    return out
+
+
+@pytest.fixture(scope="module")
+def fits(swings) -> tuple[Fit, Fit]:
+    simulator = Simulator(get_system("pendulum").compile(), 0.01)
+    problem = Problem(simulator, cut(swings, 0.01, 40), np.full(1, 1e-3))
+    start = problem.start()
+    spring, force = Spring("hinge", k=STIFFNESS, f=2.5 * STIFFNESS), ConstantForce("hinge", f=-0.2)
+    return problem.minimise(start.with_effects(spring)), problem.minimise(start.with_effects(force))
+
+
+def test_a_spring_is_told_from_a_force_by_a_motion_that_tells_them(swings, fits):
+    spring, force = fits
+    proposed = next_experiment(spring, [("constant_force", force)], swings, 80)
+    assert proposed.decisive and proposed.against == ["constant_force"]
+    model, window = spring.problem.simulator, swings[0]
+    start = np.array([proposed.start["hinge"]])
+    assert abs(start[0] - np.pi) > 0.2 or "drive" in proposed.action
+    if proposed.where["kind"] == "joint":  # done for real, the rival leaves as much as was said, within the noise
+        still = replace(window, t_state=0.01 * np.arange(80), qpos=np.repeat(start[None], 80, axis=0))
+        windows, which = cut([still], 0.01, 80), np.zeros(1, dtype=np.int64)
+        q, v = start[None], np.zeros((1, 1))
+        motion = model.simulate([spring.point.variant], which, windows, q[None], v[None])[0]
+        made = Problem(model, replace(windows, measured=motion), spring.problem.noise)
+        costs = [made.minimise(replace(f.point, q=q, v=v), only_states=True).cost for f in fits]
+        assert costs[1] - costs[0] >= 0.5 * proposed.nats
+        assert np.abs(np.diff(motion[0], axis=0) / 0.01).max() < FASTEST
+
+
+def test_of_the_same_nothing_is_told_apart_and_the_words_say_so(swings, fits):
+    proposed = next_experiment(fits[0], [("spring", fits[0])], swings, 80)
+    assert (proposed.nats, proposed.decisive) == (0.0, False)
+    assert "a spring" in experiment(proposed) and "Measure something else" in experiment(proposed)
+
+
+def test_words_of_a_proposal():
+    proposed = Experiment(
+        {"kind": "actuator", "name": "elbow"},
+        "drive it with a sine of 2 Hz up to 1.5, for 1.6 s",
+        {"shoulder": 3.1416, "elbow": 0.0},
+        ["coulomb_friction", "nothing"],
+        41.6,
+        True,
+    )
+    assert experiment(proposed) == (
+        "To tell these findings from Coulomb friction and nothing, drive actuator elbow with a sine of 2 Hz up to 1.5, "
+        "for 1.6 s, starting at rest at shoulder 3.14, elbow 0. Expected to tell them apart by 42 nats (10 are clear)."
+    )
