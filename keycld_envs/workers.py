@@ -1,18 +1,24 @@
-"""Work spread over spawned processes; OpenGL does not survive a fork."""
+"""Work spread over spawned processes (OpenGL does not survive a fork), or over the machines of a Ray cluster."""
 
+import logging
 import multiprocessing
 import os
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from keycld_envs.errors import InputError
 
 T = TypeVar("T")
 R = TypeVar("R")
+RETRIES = 5
+"""Times that work is done again whose machine was lost."""
+KNOCK = 10.0
+"""Seconds to wait for a cluster to answer."""
 
 
 def map_in_processes(function: Callable[[T], R], items: Iterable[T], workers: int) -> Iterator[R]:
@@ -33,6 +39,52 @@ def map_in_processes(function: Callable[[T], R], items: Iterable[T], workers: in
         raise InputError("A worker process died, perhaps for want of memory; run again with fewer workers.") from error
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def map_on_ray(function: Callable[[T], R], items: Iterable[T], address: str) -> Iterator[R]:
+    """Apply a picklable function to every item on a Ray cluster; results come in the order of the items.
+
+    What a machine was doing that is lost, the others do again. Files that `function` reads and writes must lie where
+    all machines see them.
+
+    Args:
+        function: called on any machine, with one processor.
+        items: its arguments.
+        address: "local" for a cluster on this machine alone, for as long as the work takes; "auto" for the one that
+            this machine is part of; or host:port.
+
+    Raises:
+        InputError: if Ray is not installed, there is no such cluster, or something was lost more than `RETRIES` times.
+    """
+    try:
+        import ray
+        from ray.exceptions import NodeDiedError, WorkerCrashedError
+    except ImportError as error:
+        raise InputError(
+            "Work is spread over machines by Ray; pip install 'keycld[ray]' or leave out --ray."
+        ) from error
+    own: dict[str, Any] = {"include_dashboard": False} if address == "local" else {}
+    try:
+        if ":" in address:  # Ray would knock for minutes
+            host, port = address.rsplit(":", 1)
+            socket.create_connection((host, int(port)), timeout=KNOCK).close()
+        ray.init(address=address, logging_level=logging.WARNING, log_to_driver=False, **own)
+    except (OSError, ValueError, RuntimeError) as error:
+        raise InputError(f"There is no Ray cluster at {address!r}; `ray start --head` starts one.") from error
+    try:
+        task = ray.remote(num_cpus=1, max_retries=RETRIES)(_call)
+        for reference in [task.remote(function, item) for item in items]:
+            yield ray.get(reference)
+    except (WorkerCrashedError, NodeDiedError) as error:
+        raise InputError(
+            f"Something was lost {RETRIES + 1} times with its machine; look at the cluster's logs."
+        ) from error
+    finally:
+        ray.shutdown()
+
+
+def _call(function: Callable[[T], R], item: T) -> R:
+    return function(item)
 
 
 def _start_worker() -> None:

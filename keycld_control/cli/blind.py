@@ -24,6 +24,7 @@ class Args:
         seed: make: determines every byte of the cases.
         method: run: "diagnose", "refit", "greedy", "sindy", "neural", or your own as module:function.
         workers: make, run: number of processes; no figure but the seconds depends on it.
+        ray: make, run: do it on a Ray cluster: "local", "auto" or host:port; all its machines must see the folder.
         partial: score: leave out cases that have no report yet.
         json: Print one JSON object.
     """
@@ -34,6 +35,7 @@ class Args:
     seed: int = 0
     method: str = "diagnose"
     workers: int = 2
+    ray: str | None = None
     partial: bool = False
     json: bool = False
 
@@ -48,14 +50,14 @@ def run(args: Args) -> None:
     if args.action == "make":
         from keycld_model.diagnosis.blind.make import Settings, make
 
-        manifest = make(args.out, Settings(args.seed, args.cases), args.workers)
+        manifest = make(args.out, Settings(args.seed, args.cases), args.workers, args.ray)
         print_result(manifest, as_json=args.json)
         if not args.json:
             print(f"SHA-256 of the answers: {manifest['answers_sha256']}")  # the table may cut it
     elif args.action == "run":
         from keycld_model.diagnosis.blind.run import run as run_method
 
-        print_result(run_method(args.out, args.method, args.workers), as_json=args.json)
+        print_result(run_method(args.out, args.method, args.workers, args.ray), as_json=args.json)
     else:
         from keycld_model.diagnosis.blind.score import score
         from keycld_model.diagnosis.blind.tables import print_score

@@ -16,7 +16,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file, atomic_folder
 from keycld_envs.progress import progress
 from keycld_envs.recordings import write_recording
-from keycld_envs.workers import map_in_processes
+from keycld_envs.workers import map_in_processes, map_on_ray
 from keycld_model.diagnosis.blind.case import HELD_OUT, SECONDS, TRAINING, Case, Signals, draw_case, recording
 from keycld_model.diagnosis.blind.grade import gains, grade
 from keycld_model.diagnosis.blind.mechanisms.forces import Pulse
@@ -43,13 +43,14 @@ class Settings:
     cases: int
 
 
-def make(out: Path, settings: Settings, workers: int = 1) -> dict[str, Any]:
+def make(out: Path, settings: Settings, workers: int = 1, ray: str | None = None) -> dict[str, Any]:
     """Write the cases that are not there yet, then the answers and the manifest.
 
     Args:
         out: folder of the benchmark.
         settings: what to make.
         workers: processes.
+        ray: address of a Ray cluster to do it on instead.
 
     Returns:
         The manifest.
@@ -57,6 +58,7 @@ def make(out: Path, settings: Settings, workers: int = 1) -> dict[str, Any]:
     Raises:
         InputError: if the folder holds a benchmark with other settings.
     """
+    out = out.resolve()
     if settings.cases < 1 or settings.seed < 0 or workers < 1:
         raise InputError("cases and workers must be at least 1, and seed at least 0.")
     plans, settled = plan(settings.cases, settings.seed), out / "settings.json"
@@ -71,14 +73,16 @@ def make(out: Path, settings: Settings, workers: int = 1) -> dict[str, Any]:
         todo = [i for i in range(len(plans)) if not (_folder(out, i).is_dir() and _sealed(out, i).is_file())]
         with progress("Making", total=len(plans)) as advance:
             advance(len(plans) - len(todo))
-            for _ in each(partial(_make, out, settings), todo, workers):
+            for _ in each(partial(_make, out, settings), todo, workers, ray):
                 advance()
         _publish(out, settings, plans)
     return json.loads((out / "manifest.json").read_text(encoding="utf-8"))
 
 
-def each(function: Callable[[int], Any], items: list[int], workers: int) -> Any:
-    """Results in order, from processes with one thread of linear algebra each, or from this one."""
+def each(function: Callable[[int], Any], items: list[int], workers: int, ray: str | None = None) -> Any:
+    """Results in order, from a Ray cluster, from processes with one thread of linear algebra each, or from this one."""
+    if ray is not None:
+        return map_on_ray(function, items, ray)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     return map(function, items) if workers == 1 else map_in_processes(function, items, workers)

@@ -15,13 +15,14 @@ from keycld_model.diagnosis.blind.methods import METHODS, get_method
 from keycld_model.diagnosis.source import Source
 
 
-def run(out: Path, method: str = "diagnose", workers: int = 1) -> dict[str, Any]:
+def run(out: Path, method: str = "diagnose", workers: int = 1, ray: str | None = None) -> dict[str, Any]:
     """Report on all cases that have no report yet.
 
     Args:
         out: folder of the benchmark.
         method: name or "module:function", see `methods`.
         workers: processes.
+        ray: address of a Ray cluster to do it on instead.
 
     Returns:
         How many cases there are, were run now, and failed.
@@ -34,7 +35,7 @@ def run(out: Path, method: str = "diagnose", workers: int = 1) -> dict[str, Any]
     todo = [i for i in range(manifest["cases"]) if not (folder / f"{name(i)}.json").is_file()]
     with progress("Running", total=manifest["cases"]) as advance:
         advance(manifest["cases"] - len(todo))
-        for _ in each(partial(_run, out, method), todo, workers):
+        for _ in each(partial(_run, out.resolve(), method), todo, workers, ray):
             advance()
     done = [json.loads((folder / f"{name(i)}.json").read_text(encoding="utf-8")) for i in range(manifest["cases"])]
     failed = [r["case"] for r in done if r["failure"] is not None]
