@@ -13,6 +13,7 @@ from keycld_envs.constants import update_constants
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.fit import Fit
+from keycld_model.diagnosis.shape import Shape, shape_of
 
 Array = NDArray[np.float64]
 
@@ -68,6 +69,7 @@ class Evidence:
         noise: `[nv]` standard deviation of the sensor's noise, rad or m.
         rollouts: one per held-out recording.
         residuals: one per training recording.
+        shape: of the force without a name, if there is one.
     """
 
     nominal: mujoco.MjModel
@@ -76,6 +78,7 @@ class Evidence:
     noise: Array
     rollouts: tuple[Rollout, ...]
     residuals: tuple[Residuals, ...]
+    shape: Shape | None = None
 
     @cached_property
     def corrected(self) -> mujoco.MjModel:
@@ -115,6 +118,7 @@ def evidence(
         noise=chosen.problem.noise,
         rollouts=tuple(_rollouts(rollouts, recordings[1])),
         residuals=tuple(_residuals(windows, recordings[0])),
+        shape=next((shape_of(chosen, e) for e in chosen.effects if e.id == "unknown"), None),
     )
 
 

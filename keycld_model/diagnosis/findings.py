@@ -13,6 +13,7 @@ from keycld_model.diagnosis.held_out import mean_square
 from keycld_model.diagnosis.pulses import joined
 from keycld_model.diagnosis.report import Estimate, Finding, FitErrors, Unexplained, Verdict
 from keycld_model.diagnosis.search import Scored, Search
+from keycld_model.diagnosis.shape import shape_of
 
 EXPLAINED, SURE = 0.15, 4.0
 """Above one, what the mean square of whitened residuals may be where only noise is left: the variance of the noise is
@@ -47,9 +48,15 @@ def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], searc
                 equation=effect.equation,
                 confidence=round(float(sum(w for keys, w in weights.items() if effect.key in keys) / total), 4),
                 rivals=sorted(others),
+                region=_region(best.fit, effect),
             )
         )
     return out
+
+
+def _region(fit: Fit, effect: Effect) -> dict[str, tuple[float, float]] | None:
+    shape = shape_of(fit, effect)
+    return None if shape is None else shape.region()
 
 
 def rival_name(rival: Effect, effect: Effect) -> str:
@@ -157,6 +164,7 @@ def unknown_of(fit: Fit, share: float) -> Finding:
         equation=effect.equation,
         confidence=round(share, 4),
         rivals=[],
+        region=_region(fit, effect),
     )
 
 

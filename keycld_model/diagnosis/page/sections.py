@@ -10,6 +10,7 @@ from keycld_model.diagnosis.evidence import Evidence
 from keycld_model.diagnosis.native import native
 from keycld_model.diagnosis.page.geometry import HINGE
 from keycld_model.diagnosis.page.mathml import mathml
+from keycld_model.diagnosis.page.portrait import portrait
 from keycld_model.diagnosis.report import Estimate, Finding, Report
 from keycld_model.diagnosis.words import call, effect_name, error, experiment, measured, place, rival, spelled_out
 
@@ -65,10 +66,14 @@ def findings(report: Report) -> str:
             if not report.unexplained.significant
             else '<p class="lead">No effect of the library explains what differs.</p>'
         )
-    return "".join(_card(i + 1, finding) for i, finding in enumerate(report.findings))
+    shape = report.evidence.shape if report.evidence else None
+    return "".join(
+        _card(i + 1, f, portrait(shape) if shape is not None and f.effect == "unknown" else "")
+        for i, f in enumerate(report.findings)
+    )
 
 
-def _card(number: int, finding: Finding) -> str:
+def _card(number: int, finding: Finding, picture: str = "") -> str:
     kind, name = finding.where["kind"], finding.where["name"]
     where = place(finding) if kind in ("world", "sensor", "camera") else f"{kind} <b>{escape(name)}</b>"
     rows = "".join(_parameter(finding, n, e) for n, e in finding.parameters.items())
@@ -81,7 +86,7 @@ def _card(number: int, finding: Finding) -> str:
     return (
         f'<article class="card"><header><span class="number">{number}</span><h3>{escape(effect_name(finding.effect))}'
         f'</h3><span class="where">{where}</span></header>{equation}'
-        f'<table class="numbers"><tbody>{rows}</tbody></table>'
+        f'<table class="numbers"><tbody>{rows}</tbody></table>{picture}'
         f'<dl><dt>Confidence</dt><dd><span class="meter" role="img" aria-label="confidence {share:.0f} percent">'
         f'<span style="width:{share:.1f}%"></span></span> {sure}</dd><dt>Rivals</dt><dd>{rivals}</dd>'
         f"<dt>When</dt><dd>{_when(finding)}</dd></dl></article>"
