@@ -65,6 +65,7 @@ class Effect(ABC):
     Attributes:
         where: name of the joint, actuator or body.
         memory: how many numbers the effect remembers from step to step.
+        unsettled: standard deviations expected of them at the start of a recording, around where `begin` puts them.
     """
 
     id: ClassVar[str]
@@ -72,6 +73,7 @@ class Effect(ABC):
     kind: ClassVar[Kind]
     equation: ClassVar[str]
     memory: ClassVar[int] = 0
+    unsettled: ClassVar[tuple[float, ...]] = ()
 
     where: str
 
@@ -203,6 +205,7 @@ class TransmissionEffect(ActuatorEffect):
 
     family: ClassVar[str] = "structure"
     memory: ClassVar[int] = 2
+    unsettled: ClassVar[tuple[float, ...]] = (0.1, 2.0)
     substeps: ClassVar[int] = 20
 
     @property

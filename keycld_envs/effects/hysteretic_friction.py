@@ -20,11 +20,12 @@ class HystereticFriction(JointEffect):
     family: ClassVar[str] = "dissipation"
     equation: ClassVar[str] = "tau = -(s*z + d*dz/dt), dz/dt = qd - s*|qd|*z/(c + extra*exp(-(qd/vs)^2))"
     memory: ClassVar[int] = 1
+    unsettled: ClassVar[tuple[float, ...]] = (0.03,)
 
     c: float = parameter("N m", 0.02, low=0.0)
     extra: float = parameter("N m", 0.02, low=0.0)
     d: float = parameter("N m s/rad", 0.02, low=0.0)
-    s: float = parameter("N m/rad", 0.2, low=0.1, high=500.0, grid=(1.0, 4.0, 16.0))
+    s: float = parameter("N m/rad", 0.2, low=0.02, high=500.0, grid=(0.3, 1.0, 4.0, 16.0))
     vs: float = parameter("rad/s", 0.1, low=0.05, high=5.0, grid=(0.3, 1.0))
 
     def begin(self, model: mujoco.MjModel, v: Array) -> Array:

@@ -5,19 +5,17 @@ from typing import ClassVar
 
 from keycld_envs.effects.base import Array, TransmissionEffect, parameter
 
-DAMPING = 0.05
-"""Ratio, of the rotor against a fixed joint."""
-
 
 @dataclass(frozen=True)
 class JointFlexibility(TransmissionEffect):
-    """A spring between a rotor and the link (Spong, 1987)."""
+    """A spring between a rotor and the link (Spong, 1987), with the damping ratio of the rotor against a fixed link."""
 
     id: ClassVar[str] = "joint_flexibility"
     equation: ClassVar[str] = "tau = k*(theta - q), j*d2theta/dt2 = u - tau"
 
     j: float = parameter("kg m^2", 0.002, low=0.0)
     k: float = parameter("N m/rad", 1.0, low=0.5, high=2000.0, grid=(5.0, 20.0, 80.0))
+    zeta: float = parameter("1", 0.05, low=0.0, high=1.0, grid=(0.05,))
 
     @property
     def rotor(self) -> float:
@@ -25,5 +23,5 @@ class JointFlexibility(TransmissionEffect):
         return self.j
 
     def coupling(self, twist: Array, slip: Array) -> Array:
-        """Spring and a little damping."""
-        return self.k * twist + 2 * DAMPING * (self.k * self.j) ** 0.5 * slip
+        """Spring and damper."""
+        return self.k * twist + 2 * self.zeta * (self.k * self.j) ** 0.5 * slip

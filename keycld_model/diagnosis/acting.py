@@ -257,13 +257,14 @@ class Acting:
         return jnp.stack(force), memories
 
 
-def memories(effects: Sequence[Any], motor: Array, speed: Array, h: float) -> Array:
+def memories(effects: Sequence[Any], motor: Array, speed: Array, starts: Array, h: float) -> Array:
     """What effects of one kind remember along recordings, `[T + 1, V, R, memory]`.
 
     Args:
         effects: V of them, with a memory, at one place.
         motor: torque of the actuator there, if any, at T steps of R recordings, `[T, V, R]`.
         speed: of the joint there, `[T, R]`.
+        starts: what they remember at first, beyond where they begin, `[V, R, memory]`.
         h: s per step.
     """
     kind, names = type(effects[0]), Slot(effects[0], 0).names
@@ -273,13 +274,14 @@ def memories(effects: Sequence[Any], motor: Array, speed: Array, h: float) -> Ar
     more = -steps % SHAPE[0], len(rows) - variants, -recordings % SHAPE[2]
     motor = np.pad(motor, [(0, m) for m in more])
     speed = np.pad(speed, [(0, more[0]), (0, more[2])])
+    starts = np.pad(starts, [(0, more[1]), (0, more[2]), (0, 0)])
     with jax.enable_x64(True):
-        return np.asarray(_along(kind, names, h)(numbers, motor, speed))[: steps + 1, :variants, :recordings]
+        return np.asarray(_along(kind, names, h)(numbers, motor, speed, starts))[: steps + 1, :variants, :recordings]
 
 
 @functools.lru_cache(maxsize=16)
 def _along(kind: type[Effect], names: tuple[str, ...], h: float) -> Any:
-    def along(numbers: Any, motor: Any, speed: Any) -> Any:
+    def along(numbers: Any, motor: Any, speed: Any, starts: Any) -> Any:
         effect: Any = kind("", **dict(zip(names, numbers, strict=True)))
         first = jnp.broadcast_to(speed[0], motor.shape[1:])
 
@@ -292,7 +294,9 @@ def _along(kind: type[Effect], names: tuple[str, ...], h: float) -> Any:
                     memory = effect.transmit(memory, torque, v, h)[1]
             return memory, memory
 
-        start = effect.slipping(first) if kind is HystereticFriction else (jnp.zeros_like(first), first)
+        begun = effect.slipping(first) if kind is HystereticFriction else (jnp.zeros_like(first), first)
+        leaves, tree = jax.tree.flatten(begun)
+        start = jax.tree.unflatten(tree, [leaf + starts[..., i] for i, leaf in enumerate(leaves)])
         after = jax.lax.scan(step, start, (motor, speed))[1]
         path = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, after)
         return jnp.stack(jax.tree.leaves(path), axis=-1)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect, Parameter
-from keycld_model.diagnosis.simulator import Simulator, Variant, usual_forces
+from keycld_model.diagnosis.simulator import Simulator, Variant, unsettled, usual_forces
 from keycld_model.diagnosis.windows import Windows
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ class Point:
 
     def with_effects(self, *effects: Effect) -> "Point":
         """With these effects instead."""
-        return replace(self, variant=replace(self.variant, effects=effects))
+        return replace(self, variant=replace(self.variant, effects=effects, starts=None))
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,8 @@ class Linearisation:
     Attributes:
         residual: `[W, r]` measured minus predicted over noise; zero where missing.
         states: `[W, r, 2nv]` minus its derivative with respect to initial positions and velocities.
-        shared: `[W, r, p]` the same with respect to nuisances, then the effects' numbers.
+        shared: `[W, r, p]` the same with respect to nuisances, then the effects' numbers, then what effects remember at
+            the start of each recording.
     """
 
     residual: Array
@@ -159,44 +160,57 @@ class Problem:
         return float(self.costs(point).sum()) + self._prior(point)
 
     def _prior(self, point: Point) -> float:
-        return 0.5 * float(np.sum((point.variant.values / self.spreads) ** 2))
+        starts = 0.0 if point.variant.starts is None else point.variant.starts / unsettled(point.variant.effects)
+        return 0.5 * float(np.sum((point.variant.values / self.spreads) ** 2) + np.sum(starts**2))
 
-    def linearise(self, point: Point, extra: Sequence[tuple[Effect, ...]] = ()) -> tuple[Linearisation, Array]:
+    def linearise(
+        self, point: Point, extra: Sequence[tuple[Effect, ...]] = (), only_starts: bool = False
+    ) -> tuple[Linearisation, Array]:
         """Residuals and derivatives at a point.
 
         Args:
             point: where.
             extra: sets of effects, to be predicted from the same nuisances and initial states.
+            only_starts: leave the derivatives to nuisances and effects' numbers at zero.
 
         Returns:
             The linearisation, and whitened residuals `[len(extra), W, r]` with the extra effects.
         """
         base, n = point.variant, len(self.simulator.nuisances)
+        numbers, spread, recordings = knobs(base.effects), unsettled(base.effects), len(self.windows.commands)
         variants, columns = [base], []
-        for i, nuisance in enumerate(self.simulator.nuisances):
+        for i, nuisance in enumerate(() if only_starts else self.simulator.nuisances):
             if nuisance.kind != "zero":
                 values = base.values.copy()
                 values[i] += nuisance.scale
                 columns.append((i, nuisance.scale))
                 variants.append(replace(base, values=values))
-        for k, knob in enumerate(knobs(base.effects)):
+        for k, knob in enumerate(() if only_starts else numbers):
             value = getattr(base.effects[knob.effect], knob.parameter.name)
             step = _step(knob.parameter, value)
             columns.append((n + k, step))
             variants.append(replace(base, effects=turn(base.effects, knob, value + step)))
-        variants += [replace(base, effects=effects) for effects in extra]
+        for m in range(len(spread)):
+            starts = _starts(base, recordings)
+            starts[:, m] += 0.1 * spread[m]
+            variants.append(replace(base, starts=starts))
+        variants += [replace(base, effects=effects, starts=None) for effects in extra]
         residuals, states = self.roll(variants, point)
-        here = residuals[0]
-        shared = np.zeros((*here.shape, n + len(knobs(base.effects))))
+        here, known = residuals[0], 1 + len(columns)
+        shared = np.zeros((*here.shape, n + len(numbers) + recordings * len(spread)))
         for p, (column, step) in enumerate(columns):
             shared[..., column] = (here - residuals[1 + p]) / step
+        for m in range(len(spread)):
+            column = (here - residuals[known + m]) / (0.1 * spread[m])
+            at = n + len(numbers) + self.windows.recording * len(spread) + m
+            shared[np.arange(len(here)), :, at] = column
         measured = np.isfinite(self.windows.measured)
-        for i, nuisance in enumerate(self.simulator.nuisances):
+        for i, nuisance in enumerate(() if only_starts else self.simulator.nuisances):
             if nuisance.kind == "zero":
                 one = np.zeros(self.windows.measured.shape)
                 one[..., nuisance.index] = 1 / self.noise[nuisance.index]
                 shared[..., i] = np.where(measured, one, 0.0).reshape(len(here), -1)
-        return Linearisation(here, states, shared), residuals[1 + len(columns) :]
+        return Linearisation(here, states, shared), residuals[known + len(spread) :]
 
     def roll(self, variants: Sequence[Variant], point: Point) -> tuple[Array, Array]:
         """Residuals `[V, W, r]` from the point's states, and minus the first's derivative to them, `[W, r, 2nv]`."""
@@ -242,15 +256,20 @@ class Problem:
             point: to start from.
             iterations: at most.
             share: of what the start costs above noise, which a step must gain for another one; at least `TOLERANCE`.
-            only_states: nuisances and effects stay as they are.
+            only_states: nuisances and effects stay; what these remember at the start of a recording does not.
         """
+        variant, recordings = point.variant, len(self.windows.commands)
+        spread = np.tile(unsettled(variant.effects), recordings)
+        if len(spread) and variant.starts is None:
+            point = replace(point, variant=replace(variant, starts=_starts(variant, recordings)))
         cost, caution, gain = self.cost(point), 1e-6, np.inf
         tolerance = max(TOLERANCE, share * (cost - self.expected))
         linear, fresh, n = None, False, len(self.spreads)
+        begun = n + len(knobs(variant.effects))
         hessian = np.eye(0)
         for _ in range(iterations):
             if linear is None:
-                (linear, _), fresh = self.linearise(point), True
+                (linear, _), fresh = self.linearise(point, only_starts=only_states), True
             else:  # derivatives change little
                 linear, fresh = replace(linear, residual=self.residual(point)), False
             weighted = linear.weighted(linear.outlier_weights())
@@ -260,9 +279,12 @@ class Problem:
             gradient = np.tensordot(shared, residual, axes=([0, 1], [0, 1]))
             hessian[np.arange(n), np.arange(n)] += self.spreads**-2
             gradient[:n] -= point.variant.values / self.spreads**2
+            if point.variant.starts is not None:
+                hessian[np.arange(begun, len(hessian)), np.arange(begun, len(hessian))] += spread**-2
+                gradient[begun:] -= point.variant.starts.ravel() / spread**2
             scale = np.diag(hessian) + 1e-9
             if only_states:
-                gradient, scale = np.zeros_like(gradient), scale + 1e12
+                gradient[:begun], scale[:begun] = 0.0, scale[:begun] + 1e12
             for _ in range(ATTEMPTS if fresh else 1):
                 step = np.asarray(
                     np.linalg.lstsq(hessian + np.diag((caution + 1e-9) * scale), gradient, rcond=None)[0],
@@ -296,10 +318,12 @@ class Problem:
             new = float(np.clip(old + step[n + k], knob.parameter.low, knob.parameter.high))
             step[n + k] = new - old
             effects = list(turn(effects, knob, new))
-        values = point.variant.values + step[:n]
+        values, starts = point.variant.values + step[:n], point.variant.starts
+        if starts is not None:
+            starts = starts + step[n + len(knobs(effects)) :].reshape(starts.shape)
         left = linear.residual - linear.shared @ step
         states = np.stack([np.linalg.lstsq(a, b, rcond=1e-10)[0] for a, b in zip(linear.states, left, strict=True)])
-        variant = replace(point.variant, values=values, effects=tuple(effects))
+        variant = replace(point.variant, values=values, effects=tuple(effects), starts=starts)
         return Point(variant, point.q + states[:, :nv], point.v + states[:, nv:])
 
     def _best_states(self, new: Point, old: Point) -> tuple[Point, float]:
@@ -389,8 +413,14 @@ class Fit:
 
     def deviations(self) -> Array:
         """Standard deviations of the effects' numbers, in the order of `knobs`."""
-        covariance = np.linalg.pinv(self.hessian)
-        return np.sqrt(np.maximum(np.diag(covariance)[len(self.problem.spreads) :], 0))
+        covariance, n = np.linalg.pinv(self.hessian), len(self.problem.spreads)
+        return np.sqrt(np.maximum(np.diag(covariance)[n : n + len(knobs(self.effects))], 0))
+
+
+def _starts(variant: Variant, recordings: int) -> Array:
+    """What effects remember at the start of each recording, `[R, M]`, a copy."""
+    none = np.zeros((recordings, len(unsettled(variant.effects))))
+    return none if variant.starts is None else variant.starts.copy()
 
 
 def _step(parameter: Parameter, value: float) -> float:

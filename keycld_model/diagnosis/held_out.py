@@ -1,7 +1,5 @@
 """Fits tried on recordings that they have not seen."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,9 +8,10 @@ from keycld_model.diagnosis.pulses import with_pulses
 
 
 def replay(problem: Problem, fit: Fit, iterations: int = 8) -> Fit:
-    """The numbers of a fit on other recordings; only initial states, and pulses if it has any, are fitted."""
-    variant = replace(fit.point.variant, pulses=())
-    tried = problem.minimise(Point(variant, *problem.windows.initial_states()), iterations, only_states=True)
+    """The numbers of a fit on other recordings; only their starts, and pulses if it has any, are fitted."""
+    tried = problem.minimise(
+        Point(fit.point.variant.elsewhere(), *problem.windows.initial_states()), iterations, only_states=True
+    )
     joints = sorted({pulse.dof for pulse in fit.point.variant.pulses})
     return with_pulses(tried, joints, only_states=True) if joints else tried
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.fit import Fit, Point, Problem
+from keycld_model.diagnosis.fit import Fit, Point, Problem, knobs
 from keycld_model.diagnosis.report import Experiment
 from keycld_model.diagnosis.windows import Windows, cut
 
@@ -66,7 +66,7 @@ def next_experiment(
     motions = list(_motions(model, recordings, n))
     windows = _windows(motions, recordings, problem.windows.step, n)
     pose = np.stack([m.pose for m in motions])
-    at_rest = Point(replace(truth.point.variant, pulses=()), pose, np.zeros_like(pose))
+    at_rest = Point(truth.point.variant.elsewhere(), pose, np.zeros_like(pose))
     which = np.zeros(1, dtype=np.int64)
     predicted = problem.simulator.simulate([at_rest.variant], which, windows, pose[None], at_rest.v[None])[0]
     trial = Problem(problem.simulator, replace(windows, measured=predicted), problem.noise)
@@ -87,11 +87,12 @@ def next_experiment(
 
 def _told(trial: Problem, point: Point, rival: Fit) -> Array:
     """Nats per motion that a rival would lose on it, `[W]`."""
-    linear, _ = trial.linearise(replace(point, variant=replace(rival.point.variant, pulses=())))
-    residual, shared = linear.project(linear.residual[..., None])[..., 0], linear.project(linear.shared)
+    linear, _ = trial.linearise(replace(point, variant=rival.point.variant.elsewhere()))
+    numbers = len(trial.spreads) + len(knobs(rival.effects))
+    residual, shared = linear.project(linear.residual[..., None])[..., 0], linear.project(linear.shared[..., :numbers])
     pull = np.einsum("wri,wr->wi", shared, residual)
-    hessian = np.einsum("wri,wrj->wij", shared, shared) + rival.hessian
-    hessian += 1e-9 * np.eye(len(rival.hessian))
+    hessian = np.einsum("wri,wrj->wij", shared, shared) + rival.hessian[:numbers, :numbers]
+    hessian += 1e-9 * np.eye(numbers)
     explained = np.einsum("wi,wi->w", pull, np.linalg.solve(hessian, pull[..., None])[..., 0])
     return 0.5 * np.maximum(np.sum(residual**2, axis=1) - explained, 0.0)
 

@@ -10,6 +10,7 @@ from keycld_envs.effects import Effect
 from keycld_model.diagnosis.fit import Fit, Point, Problem, knobs
 from keycld_model.diagnosis.hypotheses import hypotheses
 from keycld_model.diagnosis.screening import promising
+from keycld_model.diagnosis.simulator import unsettled
 
 Array = NDArray[np.float64]
 REFINED = {1: 4, 2: 3, 3: 2}
@@ -37,9 +38,13 @@ ROUNDS = 3
 """Times that the search starts again from the best set so far."""
 
 
-def penalty(effects: Sequence[Effect], samples: int) -> float:
-    """Nats that a set of effects must gain to be worth its numbers (Schwarz, 1978)."""
-    return 0.5 * np.log(samples) * len(knobs(effects))
+def penalty(effects: Sequence[Effect], problem: Problem) -> float:
+    """Nats that a set of effects must gain to be worth its numbers (Schwarz, 1978).
+
+    What effects remember at the start of a recording fits noise, too.
+    """
+    starts = len(unsettled(effects)) * len(problem.windows.commands)
+    return 0.5 * np.log(problem.samples) * len(knobs(effects)) + 0.5 * starts
 
 
 def misfit(fit: Fit) -> float:
@@ -159,7 +164,7 @@ class Search:
         glances = []
         for effects in sets:
             glance = fit.problem.minimise(fit.point.with_effects(*effects), GLANCE)
-            glances.append(Scored(glance, glance.cost + penalty(effects, fit.problem.samples)))
+            glances.append(Scored(glance, glance.cost + penalty(effects, fit.problem)))
         glances.sort(key=_score)
         sizes = {len(s.fit.effects): s for s in reversed(glances)}  # the best of each
         chosen = {id(s): s for s in (*sizes.values(), *glances[:FINALISTS])}
@@ -197,7 +202,7 @@ class Search:
         return scored
 
     def _scored(self, fit: Fit) -> Scored:
-        return Scored(fit, fit.cost / self.temper + penalty(fit.effects, self.problem.samples))
+        return Scored(fit, fit.cost / self.temper + penalty(fit.effects, self.problem))
 
     def _pruned(self, best: Scored) -> Scored:
         """Without effects that are not worth their numbers."""

@@ -1,8 +1,9 @@
 """Many short rollouts of variants of a MuJoCo model at once."""
 
 import copy
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -52,11 +53,30 @@ class Variant:
         values: of the nuisances.
         effects: added physics.
         pulses: pushes from outside, in the recordings that are simulated.
+        starts: `[R, M]` what effects remember at the start of each recording, beyond where they begin; see `unsettled`.
     """
 
     values: Array
     effects: tuple[Effect, ...] = ()
     pulses: tuple[Pulse, ...] = ()
+    starts: Array | None = None
+
+    def elsewhere(self) -> "Variant":
+        """On other recordings."""
+        return replace(self, pulses=(), starts=None)
+
+    def starts_of(self, effect: Effect, recordings: int) -> Array:
+        """Of one of the effects, `[R, memory]`."""
+        if self.starts is None:
+            return np.zeros((recordings, effect.memory))
+        before = itertools.takewhile(lambda e: e is not effect, self.effects)
+        first = sum(len(e.unsettled) for e in before)
+        return self.starts[:, first : first + effect.memory]
+
+
+def unsettled(effects: Sequence[Effect]) -> Array:
+    """Standard deviations of what effects remember at the start of a recording, `[M]`."""
+    return np.array([spread for effect in effects for spread in effect.unsettled])
 
 
 class Simulator:
@@ -275,7 +295,8 @@ class Simulator:
                 for row, (i, _) in enumerate(at):
                     torques = [effects[row].torque_of(models[i], u) for u in filtered[i]]
                     motor[:, row] = np.stack([_padded(torque, longest) for torque in torques], axis=1)
-            path = memories(effects, motor, speeds[..., effects[0].dof(self.model)], self.step)
+            starts = np.stack([variants[i].starts_of(pushing[i][e], motor.shape[2]) for i, e in at])
+            path = memories(effects, motor, speeds[..., effects[0].dof(self.model)], starts, self.step)
             for row, (i, e) in enumerate(at):
                 out[i][e] = path[windows.first, row, windows.recording]
         return [Pushing(some, tuple(memory)) for some, memory in zip(pushing, out, strict=True)]

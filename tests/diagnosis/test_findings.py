@@ -15,7 +15,7 @@ from keycld_model.diagnosis.findings import _estimates
         (Spring("slider"), ["N/m", "N"]),
         (ExternalPeriodic("slider"), ["N", "N", "rad/s"]),
         (Cogging("hinge_1"), ["N m", "N m", "1"]),
-        (JointFlexibility("slide"), ["kg", "N/m"]),
+        (JointFlexibility("slide"), ["kg", "N/m", "1"]),
         (ActuatorDelay("slide"), ["s"]),
     ],
     ids=lambda x: x.id + x.where if hasattr(x, "id") else "",

@@ -1,11 +1,17 @@
 """Recordings in pieces, and what effects remember of a recording before a piece begins."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plants import recordings
 
 from keycld_envs.effects import HystereticFriction, JointFlexibility
+from keycld_envs.systems import get_system
 from keycld_model.diagnosis.acting import memories
+from keycld_model.diagnosis.fit import Problem
+from keycld_model.diagnosis.held_out import replay
+from keycld_model.diagnosis.simulator import Simulator
 from keycld_model.diagnosis.windows import cut
 
 
@@ -50,7 +56,7 @@ def test_speeds_are_those_of_the_motion(runs):
 def test_a_shaft_remembers_how_it_was_twisted():
     soft, stiff = JointFlexibility("m", j=0.01, k=5.0), JointFlexibility("m", j=0.01, k=20.0)
     motor, speed = np.full((3000, 2, 1), 0.4), np.full((3000, 1), 1.5)
-    path = memories([soft, stiff], motor, speed, 0.005)
+    path = memories([soft, stiff], motor, speed, np.zeros((2, motor.shape[2], 2)), 0.005)
     assert path.shape == (3001, 2, 1, 2)
     np.testing.assert_allclose(path[-1, :, 0, 0], [0.4 / 5, 0.4 / 20], rtol=1e-3)
     np.testing.assert_allclose(path[-1, :, 0, 1], 1.5, rtol=1e-3)
@@ -59,6 +65,29 @@ def test_a_shaft_remembers_how_it_was_twisted():
 def test_bristles_remember_how_they_were_bent():
     friction = HystereticFriction("hinge", c=0.2, extra=0.1, s=10.0, vs=0.5)
     speed = np.concatenate([np.full(500, -2.0), np.full(2, 0.01)])[:, None]
-    path = memories([friction], np.zeros((502, 1, 1)), speed, 0.01)[:, 0, 0, 0]
+    path = memories([friction], np.zeros((502, 1, 1)), speed, np.zeros((1, 1, 1)), 0.01)[:, 0, 0, 0]
     assert path[500] == pytest.approx(-0.02, rel=1e-3)  # slips at c
     assert -0.02 < path[502] < -0.0195  # hardly moved since
+
+
+def test_what_a_shaft_does_at_the_start_of_a_recording_is_fitted():
+    """A rotor that rings when the recording starts is not taken for another shaft, nor for pushes."""
+    simulator, shaft = Simulator(get_system("pendulum").compile(), 0.01), JointFlexibility("torque", j=0.05, k=20.0)
+    runs = recordings("pendulum", 6, number=4, seconds=1.7)
+    windows = cut(runs, 0.01, 40)
+    problem = Problem(simulator, windows, np.full(1, 1e-3))
+    truth = problem.start().with_effects(shaft)
+    ringing = np.random.default_rng(0).normal(size=(4, 2)) * shaft.unsettled
+    variant = replace(truth.variant, starts=ringing)
+    which = np.zeros(1, dtype=np.int64)
+    seen = simulator.simulate([variant], which, windows, truth.q[None], truth.v[None])[0]
+    seen += np.random.default_rng(1).normal(0, 1e-3, seen.shape)
+    problem = replace(problem, windows=replace(windows, measured=seen))
+    fit = problem.minimise(problem.start().with_effects(replace(shaft, j=0.03, k=15.0)), 40)
+    assert fit.chi_square < 1.15
+    found = fit.effects[0]
+    assert (found.k / found.j) ** 0.5 == pytest.approx(20, rel=0.05)
+    assert fit.deviations().shape == (3,)
+    assert (np.abs(fit.point.variant.starts - ringing) < 0.35 * np.array(shaft.unsettled)).all()
+    again = replay(problem, fit)  # of other recordings, too, only what the shaft does at their start is fitted
+    assert again.effects == fit.effects and again.chi_square < 1.15
