@@ -11,6 +11,9 @@ from keycld_envs.errors import InputError
 _LIBRARIES = {"egl": ("EGL", "libEGL.so.1"), "osmesa": ("OSMesa", "libOSMesa.so.8")}
 _PACKAGES = {"egl": "libegl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 _OFF = ("disable", "disabled", "off", "false", "0")
+_ON = ("enable", "enabled", "on", "true", "1", "glfw")
+_OWN = {"Linux": ("glx", "egl", "osmesa"), "Windows": ("wgl",), "Darwin": ("cgl",)}.get(platform.system(), ())
+_KNOWN = (*_OFF, *_ON, *_OWN)
 
 _opened_by: int | None = None  # the process that opened the first context
 
@@ -38,7 +41,7 @@ def import_mujoco() -> None:
         if usable:
             os.environ["MUJOCO_GL"] = usable
     requested = _backend()
-    if requested in _LIBRARIES and not library_loads(requested):
+    if (requested in _LIBRARIES and not library_loads(requested)) or (requested and requested not in _KNOWN):
         os.environ["MUJOCO_GL"] = "disabled"
         try:
             import mujoco
@@ -65,6 +68,8 @@ def create_context(width: int, height: int) -> Any:
         raise InputError(
             f"Rendering is switched off by MUJOCO_GL={backend}; unset it, or use obs_type='state' without rendering."
         )
+    if backend and backend not in _KNOWN:
+        raise InputError(f"MUJOCO_GL is {backend!r}, which is no OpenGL backend here; unset it, or use egl or osmesa.")
     if not backend and _headless():
         raise no_opengl("neither an EGL nor an OSMesa library was found")
     if backend in _LIBRARIES and not library_loads(backend):

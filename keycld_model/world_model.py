@@ -1,5 +1,6 @@
 """`WorldModel`: keypoints, constrained Lagrangian and renderer, ready to use."""
 
+import difflib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,9 +15,10 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
+from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
-from keycld_model.checkpoint import read_checkpoint, write_checkpoint
+from keycld_model.checkpoint import WEIGHTS, read_checkpoint, write_checkpoint
 from keycld_model.config import ModelConfig
 from keycld_model.modules import Parameters, Parts, as_float
 from keycld_model.physics import mass_matrix
@@ -63,30 +65,24 @@ class WorldModel:
 
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> "WorldModel":
-        """Load shipped weights by a system's name, or a checkpoint folder.
+        """Load shipped weights by a system's name or its environment's id, or a checkpoint folder.
 
         Args:
-            source: "pendulum", "cartpole", "acrobot", or the path of a checkpoint.
+            source: "pendulum", "cartpole", "acrobot", "KeyCLD/Acrobot-v0", ..., or the path of a checkpoint.
 
         Raises:
             InputError: if there is no such model, or it is damaged or of another version.
         """
-        folder = Path(source)
-        if not folder.exists():
-            shipped = shipped_models()
-            if str(source) not in shipped:
-                raise InputError(
-                    f"There is no checkpoint {os.fspath(source)!r}; give the path of a checkpoint folder or one of the "
-                    f"shipped models: {', '.join(sorted(shipped)) or 'none in this installation'}."
-                )
-            folder = shipped[str(source)]
+        folder = _find(os.fspath(source))
         tensors, meta = read_checkpoint(folder)
         if "config" not in meta or "model" not in tensors:
             raise InputError(f"{folder} is not a world model; name the checkpoint folder that `keycld train` wrote.")
         try:
             config = ModelConfig.from_dict(meta["config"])
         except InputError as error:
-            raise InputError(f"{folder}: {error}") from error
+            raise InputError(
+                f"{folder}: {str(error).rstrip('.')}; it was written by another version, train again."
+            ) from error
         parameters = jax.tree.map(jnp.asarray, tensors["model"])
         expected = Parts(config).shapes()
         if jax.tree.map(jnp.shape, parameters) != jax.tree.map(jnp.shape, expected):
@@ -184,23 +180,29 @@ class WorldModel:
         return flat.reshape(*array.shape[:-3], self.mechanism.num_keypoints, 2)
 
     def render(self, x: ArrayLike) -> Floats:
-        """Draw frames [..., H, W, 3] (0 to 1) of keypoints [..., K, 2]."""
+        """Draw frames [..., H, W, 3] (0 to 1) of keypoints [..., K, 2], image units."""
         return self._map("render", x)
 
     def potential_energy(self, x: ArrayLike) -> Floats:
-        """V(x) of keypoints [..., K, 2]: [...], image units squared per second squared, per total mass."""
+        """V(x) of keypoints [..., K, 2], image units: [...], image units squared per second squared, per total mass."""
         return self._map("potential_energy", x)
 
     def input_matrix(self, x: ArrayLike) -> Floats:
-        """g(x) of keypoints [..., K, 2]: [..., 2K, m], force per total mass and unit of action."""
+        """g(x) of keypoints [..., K, 2], image units: [..., 2K, m], image units per second squared, per unit of action.
+
+        A force per total mass.
+        """
         return self._map("input_matrix", x)
 
     def mass_matrix(self) -> Floats:
-        """M, [2K, 2K], diagonal, of trace 2: every mass counts in x and in y."""
+        """M, [2K, 2K], diagonal, in units of the total mass, so of trace 2: every mass counts in x and in y."""
         return np.asarray(mass_matrix(jnp.asarray(self.masses)))
 
     def constraint(self, x: ArrayLike) -> Floats:
-        """Phi(x) - level of keypoints [..., K, 2]: [..., c], zero where the mechanism can be."""
+        """Phi(x) - level of keypoints [..., K, 2], image units: [..., c], zero where the mechanism can be.
+
+        Rods come first, in image units squared (half a squared length), then sliders, in image units.
+        """
         return self._map("constraint", x)
 
     def predict(self, images: ArrayLike, actions: ArrayLike, steps: int) -> Prediction:
@@ -325,6 +327,27 @@ def _in_chunks(function: Callable[[NDArray[Any]], Array], array: NDArray[Any], c
     if len(array) == 0:
         return np.asarray(function(np.zeros((1, *array.shape[1:]), array.dtype)))[:0]
     return np.concatenate([np.asarray(function(array[i : i + chunk])) for i in range(0, len(array), chunk)])
+
+
+def _find(source: str) -> Path:
+    """The folder of a checkpoint; a folder named like a shipped model counts if it holds one."""
+    folder, shipped = Path(source), shipped_models()
+    name = source
+    if source not in shipped and ("/" in source or ":" in source) and not folder.exists():
+        try:
+            name = system_of(source).name
+        except InputError:
+            name = source
+    if name in shipped and not (folder / WEIGHTS).is_file():
+        return shipped[name]
+    if folder.exists():
+        return folder
+    similar = difflib.get_close_matches(source.lower(), shipped, n=1)
+    guess = f" (did you mean {similar[0]}?)" if similar else ""
+    raise InputError(
+        f"There is no checkpoint {source!r}{guess}; give the path of a checkpoint folder or one of the shipped models: "
+        f"{', '.join(sorted(shipped)) or 'none in this installation'}."
+    )
 
 
 def shipped_models() -> dict[str, Path]:

@@ -38,7 +38,13 @@ def frames_per_second(repeats: int = REPEATS, steps: int = STEPS) -> dict[str, d
 
 
 def speed_figures(systems: Sequence[str] = SYSTEMS, repeats: int = REPEATS, steps: int = STEPS) -> Iterator[Figure]:
-    """The same as rows of the report; without figures where dm_control is not installed."""
+    """The same as rows of the report; without figures where dm_control is not installed.
+
+    Raises:
+        InputError: if there is no OpenGL, of which dm_control would say less.
+    """
+    with closing(KeyCLDEnv(SYSTEMS[0])) as env:
+        env.reset(seed=0)
     for system in systems:
         try:
             with progress(f"Frames/s of {system}", total=repeats) as advance:

@@ -19,7 +19,7 @@ from keycld_control.cli._output import print_result
 
 PROBE_TIMEOUT_S = 120
 INSTALL_OPENGL = (
-    "install a software renderer (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri), unset MUJOCO_GL, "
+    "install a software renderer (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri), "
     "and run `keycld doctor` again"
 )
 
@@ -61,7 +61,9 @@ def examine() -> dict[str, Any]:
         if not found["ok"]
     ]
     if opengl["error"]:
-        advice.append(f"No frames can be rendered: {INSTALL_OPENGL}.")
+        chosen = os.environ.get("MUJOCO_GL")
+        first = f"unset MUJOCO_GL, which is {chosen!r}, or " if chosen else ""
+        advice.append(f"No frames can be rendered: {first}{INSTALL_OPENGL}.")
     return {
         "ok": not advice,
         "keycld": version("keycld"),

@@ -151,7 +151,14 @@ def test_doctor_without_opengl(no_opengl: dict[str, str], backend: str | None) -
     assert report["frames_per_second"] is None
     assert report["opengl"]["error"]
     assert "apt-get install libegl1" in report["advice"][0]
+    assert ("unset MUJOCO_GL" in report["advice"][0]) == (backend is not None)
     assert report["packages"]["mujoco"]["ok"]
+
+
+def test_bench_without_opengl_is_refused_in_one_sentence(no_opengl: dict[str, str]) -> None:
+    done = keycld("bench", "--only", "envs", **no_opengl)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert "apt-get install libegl1" in done.stderr
 
 
 def test_collect_without_opengl_is_refused_in_one_sentence(no_opengl: dict[str, str], tmp_path: Path) -> None:

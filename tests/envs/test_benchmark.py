@@ -9,7 +9,7 @@ from keycld_envs import InputError
 @pytest.mark.render
 @pytest.mark.usefixtures("dm_control")
 def test_frames_per_second() -> None:
-    """Far below the measured 7 to 9 and 1.1 to 1.4, since other processes may disturb; `keycld bench` prints those."""
+    """Far below the measured 5 to 7 and 1.1 to 1.3, since other processes may disturb; `keycld bench` prints those."""
     measured = frames_per_second(repeats=3, steps=5)
     assert set(measured) == set(SYSTEMS)
     for figures in measured.values():

@@ -86,6 +86,15 @@ def test_rendering_that_is_switched_off_says_so() -> None:
     assert "switched off by MUJOCO_GL=disabled" in done.stdout, done.stderr
 
 
+def test_a_backend_that_does_not_exist_is_named() -> None:
+    done = python(
+        "import keycld_envs\ntry: keycld_envs.KeyCLDEnv('acrobot').reset()\n"
+        "except keycld_envs.InputError as error: print(error)",
+        MUJOCO_GL="bogus",
+    )
+    assert "MUJOCO_GL is 'bogus'" in done.stdout and done.stdout.count("\n") == 1, done.stderr
+
+
 @pytest.mark.render
 def test_renderers_left_open_do_not_disturb_the_exit() -> None:
     done = python(

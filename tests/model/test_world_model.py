@@ -119,8 +119,17 @@ def test_a_checkpoint_that_cannot_be_used_is_named(checkpoint, kind, words):
 def test_a_model_that_does_not_exist(tmp_path):
     with pytest.raises(InputError, match="nowhere"):
         WorldModel.load(tmp_path / "nowhere")
-    with pytest.raises(InputError, match="shipped"):
+    with pytest.raises(InputError, match=r"did you mean pendulum\?.*shipped"):
         WorldModel.load("pendelum")
+    with pytest.raises(InputError, match=r"KeyCLD/AcrobotStock-v0.*shipped"):
+        WorldModel.load("KeyCLD/AcrobotStock-v0")
+
+
+def test_shipped_models_by_name_and_by_environment(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pendulum").mkdir()  # holds no checkpoint, and so hides none
+    for source in ("pendulum", "KeyCLD/Pendulum-v0", "KeyCLD/PendulumFullyActuated-v0"):
+        assert WorldModel.load(source).system == "KeyCLD/Pendulum-v0"
 
 
 def test_a_kill_while_saving_leaves_the_old_checkpoint(model, checkpoint, monkeypatch):
