@@ -279,7 +279,7 @@ def _explain(refitted: Fit, effects: Sequence[Effect] = ()) -> _Explained:
             start = pushed(fit) if concentrated(fit) else fit
             if not start.point.variant.pulses:
                 continue
-            other = Search(refitted.problem, EXCLUDED)
+            other = Search(refitted.problem, EXCLUDED, refitted.cost - start.cost)
             found = _without_pulses(other.run(start.point))
             filler = found.fit.point.variant.pulses and significant(found.fit).max() > 0
             if not filler and _paid(found) < _paid(best):

@@ -89,7 +89,9 @@ class Search:
         temper: nats of a fit that count as one, because even the best set leaves more than noise.
     """
 
-    def __init__(self, problem: Problem, exclude: Iterable[str] = ()) -> None:
+    def __init__(self, problem: Problem, exclude: Iterable[str] = (), gained: float = 0.0) -> None:
+        """A search; `gained` nats were gained by what it starts with, and count for what is material."""
+        self.gained = gained
         self.problem = problem
         self.hypotheses = hypotheses(problem.simulator.model, exclude)
         self.found: dict[frozenset[tuple[str, str]], Scored] = {}
@@ -100,7 +102,7 @@ class Search:
     def run(self, start: Point, effects: Sequence[Effect] = ()) -> Scored:
         """The best set of effects, with some to start from; none if nothing is worth its numbers."""
         best = self._refine(start.with_effects())
-        self._nothing = best.score
+        self._nothing = best.score + self.gained
         if effects:
             best = min(best, self._refine(start.with_effects(*effects)), key=_score)
         for _ in range(ROUNDS):
