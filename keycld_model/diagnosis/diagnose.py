@@ -31,7 +31,7 @@ from keycld_model.diagnosis.prepare import SAMPLES, split, thin
 from keycld_model.diagnosis.pulses import concentrated, paid, pushed
 from keycld_model.diagnosis.report import Finding, FitErrors, Report, Unexplained, Verdict
 from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force, lengthened, residual_force_of
-from keycld_model.diagnosis.search import Scored, Search, misfit
+from keycld_model.diagnosis.search import LARGEST, Scored, Search, misfit
 from keycld_model.diagnosis.simulator import Simulator
 from keycld_model.diagnosis.windows import cut
 
@@ -97,7 +97,7 @@ def diagnose(
             verdict: Verdict = "undetermined" if concluded.findings else concluded.verdict
             concluded, rollouts[2] = replace(concluded, fit=refitted, verdict=verdict), rollouts[1]
         limits = rollouts if concluded.ceiling is None else [*rollouts, trial.long(concluded.ceiling)]
-        doubts = explained.doubts(concluded.verdict == "undetermined") if named.findings else []
+        doubts = explained.doubts(named.verdict == "undetermined") if named.findings else []
         proposed = next_experiment(explained.best.fit, doubts, training, trial.samples) if doubts else None
         errors = FitErrors(
             f"root mean square of rollouts over {trial.seconds:.2g} s with fitted initial states",
@@ -279,7 +279,7 @@ def _explain(refitted: Fit, effects: Sequence[Effect] = ()) -> _Explained:
             start = pushed(fit) if concentrated(fit) else fit
             if not start.point.variant.pulses:
                 continue
-            other = Search(refitted.problem, EXCLUDED, refitted.cost - start.cost)
+            other = Search(refitted.problem, EXCLUDED, LARGEST - 1, refitted.cost - start.cost)
             found = _without_pulses(other.run(start.point))
             filler = found.fit.point.variant.pulses and significant(found.fit).max() > 0
             if not filler and _paid(found) < _paid(best):

@@ -89,9 +89,14 @@ class Search:
         temper: nats of a fit that count as one, because even the best set leaves more than noise.
     """
 
-    def __init__(self, problem: Problem, exclude: Iterable[str] = (), gained: float = 0.0) -> None:
-        """A search; `gained` nats were gained by what it starts with, and count for what is material."""
-        self.gained = gained
+    def __init__(
+        self, problem: Problem, exclude: Iterable[str] = (), largest: int = LARGEST, gained: float = 0.0
+    ) -> None:
+        """A search for so many effects at most.
+
+        `gained` nats were gained by what it starts with; they count for what is material.
+        """
+        self.largest, self.gained = largest, gained
         self.problem = problem
         self.hypotheses = hypotheses(problem.simulator.model, exclude)
         self.found: dict[frozenset[tuple[str, str]], Scored] = {}
@@ -162,7 +167,7 @@ class Search:
     def _finalists(self, scored: Scored, largest: int = 3) -> list[Scored]:
         """The most promising sets with one to three more effects."""
         fit = self._sample(scored.fit)
-        sets = self._promising(fit, min(largest, LARGEST - len(scored.keys)))
+        sets = self._promising(fit, min(largest, self.largest - len(scored.keys)))
         glances = []
         for effects in sets:
             glance = fit.problem.minimise(fit.point.with_effects(*effects), GLANCE)
