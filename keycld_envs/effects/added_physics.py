@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 
 from keycld_envs.constants import update_constants
-from keycld_envs.effects.base import Array, Effect
+from keycld_envs.effects.base import Array, Effect, JointEffect
+from keycld_envs.effects.load_dependent_friction import LoadDependentFriction
 from keycld_envs.errors import InputError
 
 MEMORY = 500
@@ -35,6 +36,7 @@ class AddedPhysics:
                 raise InputError(f"{effect.id} is at {effect.where!r}; the model has {sorted(known)}.")
             effect.edit(model)
         update_constants(model)
+        self._friction = model.dof_frictionloss.copy()
 
     def reset(self) -> None:
         """Forget the past, in which no command was given."""
@@ -53,7 +55,21 @@ class AddedPhysics:
             data.ctrl[:] = command = u[step - number]
             time, q, v = np.array(data.time), data.qpos.copy(), data.qvel.copy()
             data.qfrc_applied[:] = 0
+            self.model.dof_frictionloss[:] = self._friction
             for i, effect in enumerate(self.effects):
+                if isinstance(effect, JointEffect) and effect.rubs:
+                    self._rub(effect, q, v, command)
+                    continue
                 force, self._memory[i] = effect.advance(self.model, self._memory[i], time, q, v, command, h)
                 data.qfrc_applied[:] += force
             yield step
+
+    def _rub(self, effect: JointEffect, q: Array, v: Array, u: Array) -> None:
+        """Set dry friction for the next step; there is none below zero."""
+        dof, friction = effect.dof(self.model), self.model.dof_frictionloss
+
+        def load() -> Array:
+            assert isinstance(effect, LoadDependentFriction)
+            return effect.load(self.model, q, v, u)
+
+        friction[dof] = max(0.0, friction[dof] + float(effect.dry(q[dof], v[dof], load)))

@@ -153,6 +153,15 @@ class JointEffect(Effect):
         torque, force = type(self).torque is not JointEffect.torque, type(self).force is not JointEffect.force
         return self.memory > 0 or torque or force
 
+    @property
+    def rubs(self) -> bool:
+        """The effect is dry friction beyond the joint's friction loss; its torque is the same made smooth."""
+        return type(self).dry is not JointEffect.dry
+
+    def dry(self, q: Array, v: Array, load: Callable[[], Array]) -> Array:
+        """Dry friction beyond the joint's friction loss, N m or N, and in its bearing's force N; all `[...]`."""
+        return np.zeros_like(v)
+
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """N m or N at times, for positions and velocities of this joint, all `[...]`."""
         return np.zeros_like(v)

@@ -1,12 +1,13 @@
 """Dry friction of a bearing that carries a load."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, flat, parameter, smooth_sign
+from keycld_envs.effects.base import Array, JointEffect, add_friction, flat, parameter, smooth_sign
 
 
 @dataclass(frozen=True)
@@ -22,14 +23,22 @@ class LoadDependentFriction(JointEffect):
 
     mu: float = parameter("m or 1", 0.002, low=0.0)
 
+    def edit(self, model: mujoco.MjModel) -> None:
+        """Let the model have friction loss."""
+        add_friction(model, self.dof(model), 0.0)
+
+    def dry(self, q: Array, v: Array, load: Callable[[], Array]) -> Array:
+        """In proportion to the load."""
+        return self.mu * load()
+
     def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """Against the motion."""
+        """The same against the motion."""
         dof, out = self.dof(model), np.zeros_like(v)
         if self.mu > 0:
-            out[..., dof] = -self.mu * self._load(model, q, v, u) * smooth_sign(v[..., dof])
+            out[..., dof] = -self.mu * self.load(model, q, v, u) * smooth_sign(v[..., dof])
         return out
 
-    def _load(self, model: mujoco.MjModel, q: Array, v: Array, u: Array) -> Array:
+    def load(self, model: mujoco.MjModel, q: Array, v: Array, u: Array) -> Array:
         """Force in the bearing, N."""
         joint = model.joint(self.where)
         body, slides = int(joint.bodyid[0]), joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE

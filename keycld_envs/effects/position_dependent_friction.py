@@ -1,5 +1,6 @@
 """Dry friction that varies over a turn."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -24,7 +25,11 @@ class PositionDependentFriction(JointEffect):
         """Add the mean to the joint's friction loss."""
         add_friction(model, self.dof(model), self.c)
 
-    def torque(self, t: Array, q: Array, v: Array) -> Array:
+    def dry(self, q: Array, v: Array, load: Callable[[], Array]) -> Array:
         """The part that varies."""
         xp = functions(q)
-        return -(self.a * xp.sin(q) + self.b * xp.cos(q)) * smooth_sign(v)
+        return self.a * xp.sin(q) + self.b * xp.cos(q)
+
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
+        """The same against the motion."""
+        return -self.dry(q, v, lambda: v) * smooth_sign(v)

@@ -1,5 +1,6 @@
 """Dry friction that is higher at low speed."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -29,6 +30,10 @@ class StribeckFriction(JointEffect):
         """Add the sliding part to the joint's friction loss."""
         add_friction(model, self.dof(model), self.c)
 
-    def torque(self, t: Array, q: Array, v: Array) -> Array:
+    def dry(self, q: Array, v: Array, load: Callable[[], Array]) -> Array:
         """The part that fades with speed."""
-        return -self.extra * functions(v).exp(-((v / self.vs) ** 2)) * smooth_sign(v)
+        return self.extra * functions(v).exp(-((v / self.vs) ** 2))
+
+    def torque(self, t: Array, q: Array, v: Array) -> Array:
+        """The same against the motion."""
+        return -self.dry(q, v, lambda: v) * smooth_sign(v)

@@ -24,7 +24,7 @@ from keycld_envs.effects import (
     LoadDependentFriction,
     MassDrift,
 )
-from keycld_envs.effects.base import ActuatorEffect, JointEffect, TransmissionEffect, smooth_sign, using
+from keycld_envs.effects.base import ActuatorEffect, JointEffect, TransmissionEffect, using
 from keycld_model.diagnosis.scalars import Quick
 from keycld_model.diagnosis.smooth_force import Features, ResidualForce
 
@@ -210,6 +210,15 @@ class Acting:
                     bodies = bodies.at[slot.at, heavy].multiply(effect.factor(t))
         return bodies, gravity
 
+    def rubbed(self, friction: Any, q: Any, v: Any, load: Callable[[int], Any]) -> Any:
+        """Dry friction `[nv, N]` with that of effects, for positions, velocities, and forces in bearings of joints."""
+        with using(Quick()):
+            for slot, effect in self.effects:
+                if isinstance(effect, JointEffect) and effect.rubs:
+                    more = effect.dry(q[slot.at], v[slot.at], functools.partial(load, slot.at))
+                    friction = friction.at[slot.at].add(more)
+        return jnp.maximum(friction, 0.0)
+
     def forces(
         self,
         memories: list[Any],
@@ -218,7 +227,6 @@ class Acting:
         v: Any,
         u: Any,
         motor: Callable[[int], Any],
-        load: Callable[[int], Any],
         h: float,
     ) -> tuple[Any, list[Any]]:
         """Mean forces on the joints over a step, `[nv, N]`, and memories after it.
@@ -230,7 +238,6 @@ class Acting:
             v: velocities there.
             u: commands `[nu, N]`.
             motor: torque of an actuator, `[N]`.
-            load: force in the bearing of a joint, `[N]`.
             h: s.
         """
         with using(Quick()):
@@ -248,9 +255,7 @@ class Acting:
                     memories.append(memory)
                 elif isinstance(effect, GainDrift):
                     push = effect.change(t, motor(slot.motor))
-                elif isinstance(effect, LoadDependentFriction):
-                    push = -effect.mu * load(at) * smooth_sign(v[at])
-                elif isinstance(effect, JointEffect):
+                elif isinstance(effect, JointEffect) and not effect.rubs:
                     push = effect.torque(t, q[at], v[at])
                 if push is not None:
                     force[at] = force[at] + push

@@ -330,9 +330,9 @@ def _program(mechanism: Mechanism, slots: Slots) -> Any:
                 gain = (v - before) / h
                 half_q, half_v = q + 0.5 * h * v + 0.125 * h**2 * gain, v + 0.5 * h * gain
                 bodies, gravity = acting.surroundings(own.bodies, own.gravity, middle)
-                here = own._replace(bodies=bodies, gravity=gravity)
-                motor, load = _motors(here, u), _loads(mechanism, own, half_q, half_v, u)
-                force, memories = acting.forces(memories, middle, half_q, half_v, u[:nu], motor, load, h)
+                friction = acting.rubbed(own.joints[:, 8], half_q, half_v, _loads(mechanism, own, half_q, half_v, u))
+                here = own._replace(bodies=bodies, gravity=gravity, joints=own.joints.at[:, 8].set(friction))
+                force, memories = acting.forces(memories, middle, half_q, half_v, u[:nu], _motors(here, u), h)
                 u = jnp.concatenate([u[:nu], u[nu:] + force])
             motion = step(mechanism, here, (q, v), u)
             return (*motion, v, memories, t + h), jnp.concatenate(motion)

@@ -25,7 +25,7 @@ ENOUGH, FEWEST = 500.0, 30
 """Nats of misfit that suffice to choose among sets, and windows that do; where there is more, some are looked at."""
 NOISE = 1.3
 """Variance that a fit may leave, over the sensor's, to count as noise."""
-MATERIAL = 0.005
+MATERIAL = 0.002
 """Share of all that a set gains that each of its effects must gain. Named effects are idealised forms, of dry friction
 near standstill above all; what gains less may only mend the form of another."""
 LOOKED = 6.0
@@ -34,6 +34,15 @@ DOUBTFUL = 100.0
 """Nats below which it is tried whether a fit needs an effect."""
 LARGEST = 3
 """Effects at once; where more seem to be needed, the true one is not among them."""
+DRY: dict[str, dict[str, float]] = {
+    "coulomb_friction": {"c": 1.0},
+    "stribeck_friction": {"c": 1.0},
+    "asymmetric_friction": {"forward": 1.0, "backward": 1.0},
+    "position_dependent_friction": {"c": 1.0},
+    "hysteretic_friction": {"c": 1.0},
+    "load_dependent_friction": {"mu": 0.1},
+}
+"""Dry friction, and its numbers for one of 1 N m or N; a bearing is thought to carry 10 N."""
 ROUNDS = 3
 """Times that the search starts again from the best set so far."""
 
@@ -79,6 +88,29 @@ class Scored:
     def keys(self) -> frozenset[tuple[str, str]]:
         """What and where."""
         return frozenset(e.key for e in self.fit.effects)
+
+
+def kin(effect: Effect, others: Iterable[Effect]) -> Iterator[Effect]:
+    """Other kinds of dry friction at the same joint, as strong on the whole.
+
+    They differ near standstill, where responses are least linear, so that they are tried one by one.
+    """
+    size = _dry_friction(effect)
+    if size is None:
+        return
+    tried = set()
+    for other in others:
+        if other.where == effect.where and other.key != effect.key and other.key not in tried:
+            numbers = {name: share * size for name, share in DRY.get(other.id, {}).items()}
+            if numbers:
+                tried.add(other.key)
+                yield replace(other, **numbers)
+
+
+def _dry_friction(effect: Effect) -> float | None:
+    """Its size, N m or N; None if it is none."""
+    shares = DRY.get(effect.id)
+    return None if shares is None else float(np.mean([getattr(effect, name) / shares[name] for name in shares]))
 
 
 class Search:
@@ -150,8 +182,10 @@ class Search:
         """Look for sets with another effect in one's place; once."""
         if (best.keys, effect.key) not in self._replaced:
             self._replaced.add((best.keys, effect.key))
-            rest = (e for e in best.fit.effects if e is not effect)
+            rest = [e for e in best.fit.effects if e is not effect]
             self._finalists(self._refine(best.fit.point.with_effects(*rest)), largest=1)
+            for other in kin(effect, (h.effect for h in self.hypotheses)):
+                self._refine(best.fit.point.with_effects(*rest, other))
 
     def _simplified(self, best: Scored) -> Scored:
         """With fewer numbers, or as many of fewer effects, if any set found on the way explains materially as much."""

@@ -1,5 +1,6 @@
 """Compiled rollouts against MuJoCo's."""
 
+import copy
 from dataclasses import replace
 
 import mujoco
@@ -8,6 +9,7 @@ import pytest
 from plants import recordings
 
 from keycld_envs.effects import EFFECTS, Effect
+from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.effects.base import add_friction
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.acting import Pushing
@@ -133,6 +135,13 @@ def present(effect: Effect) -> Effect:
     return replace(effect, **middle)
 
 
+DRY = {
+    "stribeck_friction": {"c": 0.005, "extra": 0.05},
+    "position_dependent_friction": {"c": 0.04, "a": 0.0, "b": -0.02},
+    "load_dependent_friction": {"mu": 0.03},
+}
+
+
 @pytest.mark.parametrize("name", ["cartpole", "acrobot"])
 def test_effects_push_in_compiled_steps_as_they_do_step_by_step(name):
     model = get_system(name).compile()
@@ -146,14 +155,41 @@ def test_effects_push_in_compiled_steps_as_they_do_step_by_step(name):
         if file == "external_pulse":
             continue
         for effect in map(present, kind.candidates(model)):
-            if not effect.forces:
+            if not effect.forces or file in DRY:
                 continue
             used.add(file)
             variant, which = [Variant(np.zeros(len(compiled.nuisances)), (effect,))], np.zeros(1, int)
             path, true = (s.simulate(variant, which, windows, *state) for s in (compiled, by_hand))
             close = 2e-4 if file in ("base_motion", "mass_drift") else 1e-9  # not held over steps
             np.testing.assert_allclose(path, true, atol=close, err_msg=str(effect))
-    assert len(used) == 16
+    assert len(used) == 13
+
+
+@pytest.mark.parametrize("file", DRY)
+def test_dry_friction_of_effects_is_the_models_own_in_every_step(file):
+    """As in an environment, which sets the friction loss of the model before every step; what sticks stays."""
+    model = get_system("cartpole").compile()
+    model.jnt_limited[:] = 0
+    simulator = Simulator(model, 0.002)
+    effect = replace(present(EFFECTS[file]("hinge_1")), **DRY[file])
+    still, moving = np.array([[0.0, np.pi + 0.01]]), np.array([[0.2, 2.0]])
+    runs = recordings("cartpole", seed=3, number=1)
+    windows = cut([replace(run, action=0 * run.action) for run in runs], 0.002, 40).take(np.zeros(2, int))
+    state = np.concatenate([still, moving]), np.array([[0.0, 0.0], [0.0, -1.5]])
+    variant, which = [Variant(np.zeros(len(simulator.nuisances)), (effect,))], np.zeros(1, int)
+    path, speed, _ = simulator.roll(variant, which, windows, *(x[None] for x in state))
+    own = copy.copy(simulator.model)
+    physics, data = AddedPhysics([effect], own), mujoco.MjData(own)
+    for w in range(2):
+        mujoco.mj_resetData(own, data)
+        physics.reset()
+        data.qpos[:], data.qvel[:], true = state[0][w], state[1][w], []
+        for _ in physics.steps(data, windows.steps):
+            mujoco.mj_step(own, data)
+            true.append(data.qpos.copy())
+        np.testing.assert_allclose(path[0, w, 1:], true, atol=2e-3)
+    assert np.abs(speed[0, 0, :, 1]).max() < 1e-3  # sticks, and creeps only as MuJoCo's soft constraints do
+    assert np.ptp(path[0, 1, :, 1]) > 0.05
 
 
 @pytest.mark.parametrize(
