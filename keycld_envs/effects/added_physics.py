@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from keycld_envs.constants import update_constants
-from keycld_envs.effects.base import Array, Effect, JointEffect
+from keycld_envs.effects.base import Array, Effect, JointEffect, add_friction
 from keycld_envs.effects.load_dependent_friction import LoadDependentFriction
 from keycld_envs.errors import InputError
 
@@ -35,6 +35,8 @@ class AddedPhysics:
             if effect.where not in known:
                 raise InputError(f"{effect.id} is at {effect.where!r}; the model has {sorted(known)}.")
             effect.edit(model)
+            if isinstance(effect, JointEffect) and effect.rubs:
+                add_friction(model, effect.dof(model), 0.0)  # lets the model have some
         update_constants(model)
         self._friction = model.dof_frictionloss.copy()
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, add_friction, flat, parameter, smooth_sign
+from keycld_envs.effects.base import Array, JointEffect, flat, parameter, smooth_sign
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,6 @@ class LoadDependentFriction(JointEffect):
     equation: ClassVar[str] = "tau = -mu*|N|*sign(qd)"
 
     mu: float = parameter("m or 1", 0.002, low=0.0)
-
-    def edit(self, model: mujoco.MjModel) -> None:
-        """Let the model have friction loss."""
-        add_friction(model, self.dof(model), 0.0)
 
     def dry(self, q: Array, v: Array, load: Callable[[], Array]) -> Array:
         """In proportion to the load."""

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -90,10 +91,11 @@ class Scored:
         return frozenset(e.key for e in self.fit.effects)
 
 
-def kin(effect: Effect, others: Iterable[Effect]) -> Iterator[Effect]:
+def kin(effect: Effect, others: Iterable[Effect], rails: bool) -> Iterator[Effect]:
     """Other kinds of dry friction at the same joint, as strong on the whole.
 
-    They differ near standstill, where responses are least linear, so that they are tried one by one.
+    They differ near standstill, where responses are least linear, so that they are tried one by one. That of a load is
+    costly to simulate, and an alias of others only on rails.
     """
     size = _dry_friction(effect)
     if size is None:
@@ -102,7 +104,7 @@ def kin(effect: Effect, others: Iterable[Effect]) -> Iterator[Effect]:
     for other in others:
         if other.where == effect.where and other.key != effect.key and other.key not in tried:
             numbers = {name: share * size for name, share in DRY.get(other.id, {}).items()}
-            if numbers:
+            if numbers and (rails or other.id != "load_dependent_friction"):
                 tried.add(other.key)
                 yield replace(other, **numbers)
 
@@ -184,7 +186,8 @@ class Search:
             self._replaced.add((best.keys, effect.key))
             rest = [e for e in best.fit.effects if e is not effect]
             self._finalists(self._refine(best.fit.point.with_effects(*rest)), largest=1)
-            for other in kin(effect, (h.effect for h in self.hypotheses)):
+            slides = self.problem.simulator.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+            for other in kin(effect, (h.effect for h in self.hypotheses), slides.any()):
                 self._refine(best.fit.point.with_effects(*rest, other))
 
     def _simplified(self, best: Scored) -> Scored:
