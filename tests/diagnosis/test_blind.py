@@ -44,8 +44,8 @@ def contents(folder: Path) -> dict[str, bytes]:
 def test_an_interrupted_making_goes_on_and_gives_the_same_bytes(made, tmp_path, monkeypatch):
     out, each = tmp_path / "again", making.each
 
-    def one_only(function, items, workers):
-        yield from each(function, items[:1], workers)
+    def one_only(function, items, workers, ray):
+        yield from each(function, items[:1], workers, ray)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(making, "each", one_only)
