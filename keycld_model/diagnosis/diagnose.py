@@ -23,7 +23,7 @@ from keycld_model.diagnosis.findings import (
     unexplained_of,
     unknown_of,
 )
-from keycld_model.diagnosis.fit import Fit, Problem
+from keycld_model.diagnosis.fit import Fit, Linearisation, Problem
 from keycld_model.diagnosis.held_out import likelihood, replay, rollout_error
 from keycld_model.diagnosis.next_experiment import next_experiment
 from keycld_model.diagnosis.noise import noise
@@ -46,6 +46,8 @@ CLEAR, DOUBTFUL = 10.0, 3.0
 UNKNOWN, MATERIAL = 15.0, 0.02
 """Nats that a force without a name must gain on held-out recordings, and share of what named effects gained if it
 stands beside them: its form is free, and may mend idealisations of theirs."""
+FEW = 8
+"""Windows that tell whether steps are short enough."""
 LEFT = 0.1
 """Share of the misfit that named effects may leave, for them to be certain."""
 EXCLUDED = ("external_pulse",)
@@ -254,7 +256,7 @@ def _finer(explained: _Explained, recordings: Sequence[Recording]) -> _Explained
     """With steps half as long, where that explains more: commands that jump within a step, stiff springs, stops."""
     best, temper = explained.best.fit, explained.search.temper
     coarse = best.problem.simulator
-    if coarse.own or best.point.variant.pulses:
+    if coarse.own or best.point.variant.pulses or coarseness(best, recordings) < DOUBTFUL * temper:
         return explained
     problem = _problem(Simulator(coarse.model, coarse.step / 2), recordings, best.problem.noise)
     fine = problem.minimise(replay(problem, best).point)
@@ -262,6 +264,22 @@ def _finer(explained: _Explained, recordings: Sequence[Recording]) -> _Explained
         return explained
     refitted = problem.minimise(replay(problem, explained.refitted).point, iterations=15)
     return _explain(refitted, fine.effects)
+
+
+def coarseness(fit: Fit, recordings: Sequence[Recording]) -> float:
+    """Nats by which steps half as long change what a fit predicts, beyond its initial states, from a few windows.
+
+    Both in MuJoCo: nothing is compiled for this.
+    """
+    some = np.unique(np.linspace(0, len(fit.problem.windows) - 1, FEW).round().astype(int))
+    part, point, step = fit.problem.take(some), fit.point.take(some), fit.problem.simulator.step
+    model = fit.problem.simulator.model
+    coarse = replace(part, simulator=Simulator(model, step, compiled=False))
+    fine = replace(part, simulator=Simulator(model, step / 2, compiled=False), windows=part.windows.halved(recordings))
+    residual, states = coarse.roll([point.variant], point)
+    change = Linearisation(fine.residual(point) - residual[0], states, residual[0][..., None])
+    left = change.project(change.residual[..., None])
+    return 0.5 * float(np.sum(left**2)) * len(fit.problem.windows) / len(some)
 
 
 def _explain(refitted: Fit, effects: Sequence[Effect] = ()) -> _Explained:

@@ -295,6 +295,7 @@ class _Numbers(NamedTuple):
         motors: `[nu, MOTOR, N]`.
         loops: `[nl, LOOP, N]`.
         gravity: three times `[N]`.
+        friction: `[nv, N]` dry friction of joints.
     """
 
     bodies: Any
@@ -302,6 +303,7 @@ class _Numbers(NamedTuple):
     motors: Any
     loops: Any
     gravity: Any
+    friction: Any
 
 
 def _split(mechanism: Mechanism, numbers: Any) -> _Numbers:
@@ -311,7 +313,7 @@ def _split(mechanism: Mechanism, numbers: Any) -> _Numbers:
     bodies, joints, motors, loops = (
         part.reshape(*shape, numbers.shape[1]) for part, shape in zip(parts, mechanism.shapes, strict=True)
     )
-    return _Numbers(bodies, joints, motors, loops, tuple(gravity))
+    return _Numbers(bodies, joints, motors, loops, tuple(gravity), joints[:, 8])
 
 
 def _program(mechanism: Mechanism, slots: Slots) -> Any:
@@ -330,8 +332,8 @@ def _program(mechanism: Mechanism, slots: Slots) -> Any:
                 gain = (v - before) / h
                 half_q, half_v = q + 0.5 * h * v + 0.125 * h**2 * gain, v + 0.5 * h * gain
                 bodies, gravity = acting.surroundings(own.bodies, own.gravity, middle)
-                friction = acting.rubbed(own.joints[:, 8], half_q, half_v, _loads(mechanism, own, half_q, half_v, u))
-                here = own._replace(bodies=bodies, gravity=gravity, joints=own.joints.at[:, 8].set(friction))
+                friction = acting.rubbed(own.friction, half_q, half_v, _loads(mechanism, own, half_q, half_v, u))
+                here = own._replace(bodies=bodies, gravity=gravity, friction=friction)
                 force, memories = acting.forces(memories, middle, half_q, half_v, u[:nu], _motors(here, u), h)
                 u = jnp.concatenate([u[:nu], u[nu:] + force])
             motion = step(mechanism, here, (q, v), u)
@@ -419,7 +421,7 @@ def _acceleration(mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any, u: An
         for row in rows_of(loop, own, frames, q, v)
     ]
     tight, pulled = tightened(mass, force, rows)
-    rubbed = _friction(tight, pulled, [joints[j, 8:] for j in range(nv)], v)
+    rubbed = _friction(tight, pulled, [(numbers.friction[j], *joints[j, 9:]) for j in range(nv)], v)
     acceleration = jnp.stack(solve(tight, [add(f, r) for f, r in zip(pulled, rubbed, strict=True)]))
     if not implicit:
         return acceleration

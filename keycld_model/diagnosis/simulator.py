@@ -89,7 +89,9 @@ class Simulator:
         nuisances: what may be refitted.
     """
 
-    def __init__(self, model: mujoco.MjModel, step: float | None = None, threads: int = 2) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, step: float | None = None, threads: int = 2, compiled: bool = True
+    ) -> None:
         """With Runge-Kutta steps of `step` seconds, or with the model's own integrator and time step."""
         self.model, self.own = copy.copy(model), step is None
         if step is not None:
@@ -100,7 +102,7 @@ class Simulator:
         self._data = mujoco.MjData(self.model)
         self._models = ModelPool(self.model)
         self._mujoco = MujocoRollouts(self.model, threads)
-        self._fast = Mechanism.of(self.model)
+        self._fast = Mechanism.of(self.model) if compiled else None
 
     def compile(self, variant: Variant) -> mujoco.MjModel:
         """The model of a variant, as far as MuJoCo has its effects itself."""

@@ -65,6 +65,12 @@ class Windows:
         per_window = ("recording", "first", "start", "time", "measured")
         return replace(self, **{name: getattr(self, name)[index] for name in per_window})
 
+    def halved(self, recordings: Sequence[Recording]) -> "Windows":
+        """The same with steps half as long."""
+        fine = cut(recordings, self.step / 2, self.time.shape[1])
+        same = {"commands": fine.commands, "speeds": fine.speeds}
+        return replace(self, step=self.step / 2, first=2 * self.first, steps=2 * self.steps, **same)
+
     def shorter(self, parts: int) -> "Windows":
         """Each cut into so many."""
         samples = self.time.shape[1] // parts
