@@ -7,6 +7,7 @@ import numpy as np
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.source import unnamed
 
 LEAST_MOTION = 0.05
 """Rad or m that at least one joint must move."""
@@ -19,6 +20,11 @@ def check(recordings: Sequence[Recording], model: mujoco.MjModel) -> None:
         raise InputError("There are no recordings; hand in at least one with joint positions.")
     if not np.isin(model.jnt_type, [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]).all():
         raise InputError("The model has a ball or free joint; diagnosis handles hinges and slides.")
+    if (nameless := unnamed(model)) is not None:
+        raise InputError(
+            f"The simulator's {nameless} has no name; name it in the MJCF, or hand in Source.of_file(path).model, in "
+            "which everything has one."
+        )
     joints = tuple(model.joint(j).name for j in range(model.njnt))
     for recording in recordings:
         who = f"Recording {recording.id!r}"

@@ -13,8 +13,8 @@ from keycld_model.diagnosis.report import Experiment
 from keycld_model.diagnosis.windows import Windows, cut
 
 Array = NDArray[np.float64]
-RELEASES = (0.3, 1.0, 2.5)
-"""Rad from rest."""
+RELEASES, SHIFTS = (0.3, 1.0, 2.5), (0.05, 0.2, 0.5)
+"""Rad and m from rest."""
 AMPLITUDES = (0.25, 1.0, 2.0)
 """Of commands, times the greatest that was recorded."""
 SLOW, FAST, HELD = 0.4, 2.0, 0.4
@@ -46,7 +46,7 @@ class _Motion:
 
 def next_experiment(
     truth: Fit, rivals: Sequence[tuple[str, Fit]], recordings: Sequence[Recording], n: int
-) -> Experiment:
+) -> Experiment | None:
     """The motion in which the least different of the rivals differs most from what is believed.
 
     What a rival would have to leave of the motion that is believed is counted with its own numbers free within what
@@ -60,10 +60,13 @@ def next_experiment(
         n: samples of the motion; the time between them is that of the recordings.
 
     Returns:
-        The experiment, with "nats" below `ENOUGH` where none tells them apart.
+        The experiment, with "nats" below `ENOUGH` where none tells them apart; None where nothing can be released or
+        driven.
     """
     model, problem = truth.problem.simulator.model, truth.problem
     motions = list(_motions(model, recordings, n))
+    if not motions:
+        return None
     windows = _windows(motions, recordings, problem.windows.step, n)
     pose = np.stack([m.pose for m in motions])
     at_rest = Point(truth.point.variant.elsewhere(), pose, np.zeros_like(pose))
@@ -111,11 +114,12 @@ def _motions(model: mujoco.MjModel, recordings: Sequence[Recording], n: int) -> 
     commanded = len(recordings[0].actuator_names)
     rest, still = _rest(model, recordings), np.zeros((n, commanded))
     for j in range(model.njnt):
-        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and not model.neq:  # a loop does not let one joint move
-            for angle in RELEASES:
-                pose = rest.copy()
-                pose[j] += angle
-                yield _Motion("joint", model.joint(j).name, f"release it {angle:g} rad from rest", pose, still)
+        turns = model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
+        for size in () if model.neq else RELEASES if turns else SHIFTS:  # a loop does not let one joint move
+            pose = rest.copy()
+            pose[j] += size
+            away = f"{size:g} {'rad' if turns else 'm'} from rest"
+            yield _Motion("joint", model.joint(j).name, f"release it {away}", pose, still)
     t = _spacing(recordings) * np.arange(n)
     steps = np.random.default_rng(0).uniform(-1, 1, int(t[-1] / HELD) + 1)
     shapes = {

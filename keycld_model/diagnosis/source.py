@@ -29,7 +29,7 @@ class Source:
 
     @classmethod
     def of_file(cls, path: Path) -> "Source":
-        """A MuJoCo XML file.
+        """A MuJoCo XML file; bodies, joints and actuators without a name get one, such as "body_2".
 
         Raises:
             InputError: if it does not compile.
@@ -37,7 +37,8 @@ class Source:
         if not path.is_file():
             raise InputError(f"{path} is no file; hand in a MuJoCo XML file.")
         try:
-            return cls(mujoco.MjModel.from_xml_path(str(path)), path)
+            source = cls(mujoco.MjModel.from_xml_path(str(path)), path)
+            return source if unnamed(source.model) is None else cls(source.spec().compile(), path)
         except ValueError as error:
             raise InputError(f"{path} does not compile: {error}.") from error
 
@@ -93,3 +94,17 @@ class Source:
             for i, element in enumerate(elements):
                 element.name = element.name or f"{kind}_{i}"
         return spec
+
+
+def unnamed(model: mujoco.MjModel) -> str | None:
+    """The first body, joint or actuator without a name, such as "body 2"; None if all have one."""
+    kinds = {
+        "body": (model.nbody, model.body),
+        "joint": (model.njnt, model.joint),
+        "actuator": (model.nu, model.actuator),
+    }
+    for kind, (number, element) in kinds.items():
+        for i in range(number):
+            if not element(i).name:
+                return f"{kind} {i}"
+    return None

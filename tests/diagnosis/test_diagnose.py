@@ -14,7 +14,8 @@ from keycld_envs.effects import ViscousFriction
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import write_recording
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis import diagnose
+from keycld_model.diagnosis import Source, diagnose
+from keycld_model.diagnosis.checks import check
 
 ELBOW = np.array([0.0, 1.0])
 MISSING = {
@@ -137,6 +138,20 @@ def test_two_effects_at_once_and_the_masses_of_an_arm_of_ones_own(tmp_path):
     assert 'ConstantForce("c", f=0.0' in (out / "corrected.xml").read_text()
     assert "joint a has viscous friction" in (out / "report.html").read_text().lower()
     assert model.body_mass[2] == mujoco.MjModel.from_xml_path(str(mjcf)).body_mass[2]
+
+
+def test_what_has_no_name_in_a_file_gets_one_and_a_model_without_names_is_refused(tmp_path):
+    path = tmp_path / "swing.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/><geom size=".1" pos="0 0 -.5" contype="0"/></body>'
+        '</worldbody><actuator><motor joint="hinge"/></actuator></mujoco>'
+    )
+    model = Source.of_file(path).model
+    assert (model.body(1).name, model.joint(0).name, model.actuator(0).name) == ("body_1", "hinge", "actuator_0")
+    runs = [replace(r, actuator_names=("actuator_0",)) for r in recordings("pendulum", 0, number=2, seconds=0.5)]
+    check(runs, model)
+    with pytest.raises(InputError, match=r"body 1 has no name.*Source\.of_file"):
+        diagnose(runs, mujoco.MjModel.from_xml_path(str(path)))
 
 
 def test_recordings_that_cannot_be_used_are_refused():

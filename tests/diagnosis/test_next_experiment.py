@@ -71,6 +71,30 @@ def test_of_the_same_nothing_is_told_apart_and_the_words_say_so(swings, fits):
     assert "a spring" in experiment(proposed) and "Measure something else" in experiment(proposed)
 
 
+@pytest.mark.parametrize("loop", [False, True])
+def test_slides_are_released_and_where_nothing_can_be_done_nothing_is_proposed(loop):
+    closed = '<equality><joint joint1="x" joint2="y"/></equality>' if loop else ""
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><option gravity="0 0 0"/><default><geom size=".1" contype="0" conaffinity="0"/>'
+        '<joint type="slide" axis="1 0 0"/></default><worldbody>'
+        '<body name="a"><joint name="x" stiffness="5"/><geom/></body>'
+        f'<body name="b"><joint name="y"/><geom/></body></worldbody>{closed}</mujoco>'
+    )
+    t = 0.01 * np.arange(80)
+    still = Recording(
+        id="0", source="simulation", joint_names=("x", "y"), units={"qpos": "m"}, t_state=t, qpos=np.zeros((80, 2))
+    )  # fmt: skip
+    problem = Problem(Simulator(model, 0.01), cut([still], 0.01, 40), np.full(2, 1e-3))
+    nothing = problem.minimise(problem.start(), 1)
+    spring = replace(nothing, point=nothing.point.with_effects(Spring("x", k=20.0, f=0.0)))
+    proposed = next_experiment(spring, [("nothing", nothing)], [still], 80)
+    if loop:
+        assert proposed is None
+    else:
+        assert proposed is not None and proposed.decisive and proposed.where == {"kind": "joint", "name": "x"}
+        assert proposed.action.startswith("release it 0.5 m from rest")
+
+
 def test_words_of_a_proposal():
     proposed = Experiment(
         {"kind": "actuator", "name": "elbow"},
