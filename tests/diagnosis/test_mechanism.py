@@ -174,7 +174,7 @@ def test_dry_friction_of_effects_is_the_models_own_in_every_step(file):
     effect = replace(present(EFFECTS[file]("hinge_1")), **DRY[file])
     still, moving = np.array([[0.0, np.pi + 0.01]]), np.array([[0.2, 2.0]])
     runs = recordings("cartpole", seed=3, number=1)
-    windows = cut([replace(run, action=0 * run.action) for run in runs], 0.002, 40).take(np.zeros(2, int))
+    windows = cut([replace(run, action=np.zeros_like(run.action)) for run in runs], 0.002, 40).take(np.zeros(2, int))
     state = np.concatenate([still, moving]), np.array([[0.0, 0.0], [0.0, -1.5]])
     variant, which = [Variant(np.zeros(len(simulator.nuisances)), (effect,))], np.zeros(1, int)
     path, speed, _ = simulator.roll(variant, which, windows, *(x[None] for x in state))

@@ -29,7 +29,7 @@ def swings() -> list[Recording]:
     for run in recordings("pendulum", 3, number=3, seconds=2.0):
         mujoco.mj_resetData(model, data)
         data.qpos[:], q = np.pi + 0.02, []
-        for _ in range(len(run.qpos)):
+        for _ in range(len(np.asarray(run.qpos))):
             q.append(data.qpos.copy())
             data.qfrc_applied[:] = -STIFFNESS * (data.qpos - 2.5)
             mujoco.mj_step(model, data)
@@ -50,7 +50,7 @@ def fits(swings) -> tuple[Fit, Fit]:
 def test_a_spring_is_told_from_a_force_by_a_motion_that_tells_them(swings, fits):
     spring, force = fits
     proposed = next_experiment(spring, [("constant_force", force)], swings, 80)
-    assert proposed.decisive and proposed.against == ["constant_force"]
+    assert proposed is not None and proposed.decisive and proposed.against == ["constant_force"]
     model, window = spring.problem.simulator, swings[0]
     start = np.array([proposed.start["hinge"]])
     assert abs(start[0] - np.pi) > 0.2 or "drive" in proposed.action
@@ -67,7 +67,7 @@ def test_a_spring_is_told_from_a_force_by_a_motion_that_tells_them(swings, fits)
 
 def test_of_the_same_nothing_is_told_apart_and_the_words_say_so(swings, fits):
     proposed = next_experiment(fits[0], [("spring", fits[0])], swings, 80)
-    assert (proposed.nats, proposed.decisive) == (0.0, False)
+    assert proposed is not None and (proposed.nats, proposed.decisive) == (0.0, False)
     assert "a spring" in experiment(proposed) and "Measure something else" in experiment(proposed)
 
 
@@ -80,7 +80,7 @@ def test_slides_are_released_and_where_nothing_can_be_done_nothing_is_proposed(l
         '<body name="a"><joint name="x" stiffness="5"/><geom/></body>'
         f'<body name="b"><joint name="y"/><geom/></body></worldbody>{closed}</mujoco>'
     )
-    t = 0.01 * np.arange(80)
+    t = 0.01 * np.arange(80, dtype=np.float64)
     still = Recording(
         id="0", source="simulation", joint_names=("x", "y"), units={"qpos": "m"}, t_state=t, qpos=np.zeros((80, 2))
     )  # fmt: skip

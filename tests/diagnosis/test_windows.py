@@ -86,8 +86,9 @@ def test_what_a_shaft_does_at_the_start_of_a_recording_is_fitted():
     fit = problem.minimise(problem.start().with_effects(replace(shaft, j=0.03, k=15.0)), 40)
     assert fit.chi_square < 1.15
     found = fit.effects[0]
+    assert isinstance(found, JointFlexibility)
     assert (found.k / found.j) ** 0.5 == pytest.approx(20, rel=0.05)
     assert fit.deviations().shape == (3,)
-    assert (np.abs(fit.point.variant.starts - ringing) < 0.35 * np.array(shaft.unsettled)).all()
+    assert (np.abs(np.asarray(fit.point.variant.starts) - ringing) < 0.35 * np.array(shaft.unsettled)).all()
     again = replay(problem, fit)  # of other recordings, too, only what the shaft does at their start is fitted
     assert again.effects == fit.effects and again.chi_square < 1.15
