@@ -3,6 +3,7 @@
 import difflib
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from importlib import resources
@@ -334,10 +335,8 @@ def _find(source: str) -> Path:
     folder, shipped = Path(source), shipped_models()
     name = source
     if source not in shipped and ("/" in source or ":" in source) and not folder.exists():
-        try:
+        with suppress(InputError):
             name = system_of(source).name
-        except InputError:
-            name = source
     if name in shipped and not (folder / WEIGHTS).is_file():
         return shipped[name]
     if folder.exists():

@@ -2,13 +2,14 @@
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import mujoco
 import numpy as np
 
 from keycld_envs.constants import update_constants
 from keycld_envs.effects.base import Array, Effect, JointEffect, add_friction
-from keycld_envs.effects.load_dependent_friction import LoadDependentFriction
+from keycld_envs.effects.load_dependent_friction import bearing_force
 from keycld_envs.errors import InputError
 
 MEMORY = 500
@@ -69,9 +70,5 @@ class AddedPhysics:
     def _rub(self, effect: JointEffect, q: Array, v: Array, u: Array) -> None:
         """Set dry friction for the next step; there is none below zero."""
         dof, friction = effect.dof(self.model), self.model.dof_frictionloss
-
-        def load() -> Array:
-            assert isinstance(effect, LoadDependentFriction)
-            return effect.load(self.model, q, v, u)
-
+        load = partial(bearing_force, self.model, effect.where, q, v, u)
         friction[dof] = max(0.0, friction[dof] + float(effect.dry(q[dof], v[dof], load)))

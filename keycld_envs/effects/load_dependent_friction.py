@@ -31,23 +31,24 @@ class LoadDependentFriction(JointEffect):
         """The same against the motion."""
         dof, out = self.dof(model), np.zeros_like(v)
         if self.mu > 0:
-            out[..., dof] = -self.mu * self.load(model, q, v, u) * smooth_sign(v[..., dof])
+            out[..., dof] = -self.mu * bearing_force(model, self.where, q, v, u) * smooth_sign(v[..., dof])
         return out
 
-    def load(self, model: mujoco.MjModel, q: Array, v: Array, u: Array) -> Array:
-        """Force in the bearing, N."""
-        joint = model.joint(self.where)
-        body, slides = int(joint.bodyid[0]), joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE
-        data, shape = mujoco.MjData(model), v.shape[:-1]
-        rows = zip(*(flat(x) for x in (q, v, u)), strict=True)
-        out = []
-        for position, velocity, command in rows:
-            data.qpos[:], data.qvel[:], data.ctrl[:] = position, velocity, command
-            mujoco.mj_forward(model, data)
-            mujoco.mj_rnePostConstraint(model, data)
-            load = data.cfrc_int[body, 3:].copy()
-            if slides:
-                axis = data.xaxis[joint.id]
-                load -= axis * (axis @ load)
-            out.append(np.linalg.norm(load))
-        return np.array(out).reshape(shape)
+
+def bearing_force(model: mujoco.MjModel, where: str, q: Array, v: Array, u: Array) -> Array:
+    """Force in a joint's bearing, N, `[...]`; of a slide, its part across the rail. Other arguments: see `Effect`."""
+    joint = model.joint(where)
+    body, slides = int(joint.bodyid[0]), joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE
+    data, shape = mujoco.MjData(model), v.shape[:-1]
+    rows = zip(*(flat(x) for x in (q, v, u)), strict=True)
+    out = []
+    for position, velocity, command in rows:
+        data.qpos[:], data.qvel[:], data.ctrl[:] = position, velocity, command
+        mujoco.mj_forward(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        load = data.cfrc_int[body, 3:].copy()
+        if slides:
+            axis = data.xaxis[joint.id]
+            load -= axis * (axis @ load)
+        out.append(np.linalg.norm(load))
+    return np.array(out).reshape(shape)

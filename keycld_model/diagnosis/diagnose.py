@@ -27,7 +27,7 @@ from keycld_model.diagnosis.fit import Fit, Linearisation, Problem
 from keycld_model.diagnosis.held_out import likelihood, replay, rollout_error
 from keycld_model.diagnosis.next_experiment import next_experiment
 from keycld_model.diagnosis.noise import noise
-from keycld_model.diagnosis.prepare import SAMPLES, split, thin
+from keycld_model.diagnosis.prepare import SAMPLES, spacing, split, thin
 from keycld_model.diagnosis.pulses import concentrated, paid, pushed
 from keycld_model.diagnosis.report import Finding, FitErrors, Report, Unexplained, Verdict
 from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force, lengthened, residual_force_of
@@ -76,8 +76,8 @@ def diagnose(
     check_apart(recordings, held_out)
     training, test = (recordings, held_out) if held_out else split(recordings)
     training, test = [thin(r) for r in training], [thin(r) for r in test]
-    spacing = float(np.median(np.concatenate([np.diff(np.asarray(r.t_state)) for r in training])))
-    fine = max(0.001, round(spacing / np.ceil(spacing / 0.0101), 3))  # few values, for each is compiled
+    between = spacing(training)
+    fine = max(0.001, round(between / np.ceil(between / 0.0101), 3))  # few values, for each is compiled
     sigma = noise(training)
     with progress("Diagnosing", total=5) as advance:
         fits = [_refit(s, training, sigma) for s in (Simulator(model, fine), Simulator(model))]

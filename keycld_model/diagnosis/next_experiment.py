@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.fit import Fit, Point, Problem, knobs
+from keycld_model.diagnosis.prepare import spacing
 from keycld_model.diagnosis.report import Experiment
 from keycld_model.diagnosis.windows import Windows, cut
 
@@ -120,7 +121,7 @@ def _motions(model: mujoco.MjModel, recordings: Sequence[Recording], n: int) -> 
             pose[j] += size
             away = f"{size:g} {'rad' if turns else 'm'} from rest"
             yield _Motion("joint", model.joint(j).name, f"release it {away}", pose, still)
-    t = _spacing(recordings) * np.arange(n)
+    t = spacing(recordings) * np.arange(n)
     steps = np.random.default_rng(0).uniform(-1, 1, int(t[-1] / HELD) + 1)
     shapes = {
         f"a sine of {SLOW:g} Hz": np.sin(2 * np.pi * SLOW * t),
@@ -154,13 +155,9 @@ def _rest(model: mujoco.MjModel, recordings: Sequence[Recording]) -> Array:
     return np.array(min(poses, key=energy))
 
 
-def _spacing(recordings: Sequence[Recording]) -> float:
-    return float(np.median(np.concatenate([np.diff(np.asarray(r.t_state)) for r in recordings])))
-
-
 def _windows(motions: Sequence[_Motion], recordings: Sequence[Recording], step: float, n: int) -> Windows:
     """One window per motion."""
-    t = _spacing(recordings) * np.arange(n)
+    t = spacing(recordings) * np.arange(n)
     planned = [
         replace(
             recordings[0],

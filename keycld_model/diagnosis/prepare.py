@@ -30,6 +30,11 @@ def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Record
     return [r for i, r in enumerate(order) if i % 3 != 1], order[1::3]
 
 
+def spacing(recordings: Sequence[Recording]) -> float:
+    """Median time between samples, s."""
+    return float(np.median(np.concatenate([np.diff(np.asarray(r.t_state)) for r in recordings])))
+
+
 def thin(recording: Recording) -> Recording:
     """With samples no closer than `FASTEST`."""
     t = np.asarray(recording.t_state)

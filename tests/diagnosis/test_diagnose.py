@@ -10,12 +10,16 @@ from plants import recordings
 
 from keycld_control.cli import main
 from keycld_envs import KeyCLDEnv
-from keycld_envs.effects import ViscousFriction
+from keycld_envs.effects import ActuatorDelay, ViscousFriction
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import write_recording
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import Source, diagnose
 from keycld_model.diagnosis.checks import check
+from keycld_model.diagnosis.diagnose import coarseness
+from keycld_model.diagnosis.fit import Fit, Problem
+from keycld_model.diagnosis.simulator import Simulator
+from keycld_model.diagnosis.windows import cut
 
 ELBOW = np.array([0.0, 1.0])
 MISSING = {
@@ -138,6 +142,21 @@ def test_two_effects_at_once_and_the_masses_of_an_arm_of_ones_own(tmp_path):
     assert 'ConstantForce("c", f=0.0' in (out / "corrected.xml").read_text()
     assert "joint a has viscous friction" in (out / "report.html").read_text().lower()
     assert model.body_mass[2] == mujoco.MjModel.from_xml_path(str(mjcf)).body_mass[2]
+
+
+def test_steps_are_too_coarse_where_commands_jump_within_them():
+    runs, simulator = (
+        recordings("pendulum", 4, number=3, seconds=1.0),
+        Simulator(get_system("pendulum").compile(), 0.01),
+    )
+    problem = Problem(simulator, cut(runs, 0.01, 40), np.full(1, 1e-5))
+    start = problem.start()
+    fits = [
+        Fit(problem, start.with_effects(*effects), 0.0, np.eye(0))
+        for effects in ((), (ActuatorDelay("torque", d=0.02),), (ActuatorDelay("torque", d=0.025),))
+    ]
+    on_the_grid, late_by_steps, within_a_step = (coarseness(fit, runs) for fit in fits)
+    assert max(on_the_grid, late_by_steps) < 0.1 * within_a_step and within_a_step > 10
 
 
 def test_what_has_no_name_in_a_file_gets_one_and_a_model_without_names_is_refused(tmp_path):

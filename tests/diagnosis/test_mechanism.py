@@ -147,8 +147,7 @@ def test_effects_push_in_compiled_steps_as_they_do_step_by_step(name):
     model = get_system(name).compile()
     model.jnt_limited[:] = 0
     windows = cut(recordings(name, seed=3, number=2), 0.01, 40)
-    compiled, by_hand = Simulator(model, 0.01), Simulator(model, 0.01)
-    by_hand._fast = None
+    compiled, by_hand = Simulator(model, 0.01), Simulator(model, 0.01, compiled=False)
     state = [x[None] for x in windows.initial_states()]
     used = set()
     for file, kind in EFFECTS.items():

@@ -15,7 +15,7 @@ from keycld_model.diagnosis.checks import check, check_apart
 from keycld_model.diagnosis.diagnose import HORIZON, WINDOWS
 from keycld_model.diagnosis.fit import Fit, Point, Problem
 from keycld_model.diagnosis.noise import noise
-from keycld_model.diagnosis.prepare import SAMPLES, thin
+from keycld_model.diagnosis.prepare import SAMPLES, spacing, thin
 from keycld_model.diagnosis.simulator import Simulator, Variant
 from keycld_model.diagnosis.windows import cut
 
@@ -49,7 +49,7 @@ class Setup:
     @cached_property
     def spacing(self) -> float:
         """Seconds between samples."""
-        return float(np.median(np.concatenate([np.diff(np.asarray(r.t_state)) for r in self.training])))
+        return spacing(self.training)
 
     @cached_property
     def simulator(self) -> Simulator:
