@@ -1,6 +1,7 @@
 """The Python examples in README.md and docs/*.md are tests; each document runs in an empty folder.
 
-What JAX compiles is kept between test processes and runs, in `.pytest_cache`.
+What JAX compiles is kept between test processes and runs, in `.pytest_cache`. Processes beside each other get one thread
+of linear algebra each.
 """
 
 import os
@@ -13,6 +14,8 @@ from sybil.parsers.markdown import PythonCodeBlockParser, SkipParser
 
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def enter_empty_folder(namespace: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ that make it nothing.
 """
 
 import functools
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -24,7 +25,7 @@ from keycld_envs.effects import (
     LoadDependentFriction,
     MassDrift,
 )
-from keycld_envs.effects.base import ActuatorEffect, JointEffect, TransmissionEffect, using
+from keycld_envs.effects.base import LIGHTEST, ActuatorEffect, JointEffect, TransmissionEffect, using
 from keycld_model.diagnosis.scalars import Quick
 from keycld_model.diagnosis.smooth_force import Features, ResidualForce
 
@@ -41,8 +42,11 @@ LIGHT = tuple(
     if _pushes_a_joint(kind) or kind in (HystereticFriction, BaseMotion, MassDrift, GainDrift)
 )
 """Cheap enough to be in every program with effects."""
-HEAVY = tuple(kind for kind in EFFECTS.values() if issubclass(kind, TransmissionEffect | LoadDependentFriction))
-"""In a program only if some variant has them."""
+HEAVY = (
+    tuple(kind for kind in EFFECTS.values() if issubclass(kind, TransmissionEffect)),
+    (LoadDependentFriction,),
+)
+"""In a program only if some variant has one of the group."""
 
 
 SHAPE = 256, 16, 8
@@ -115,7 +119,7 @@ class Slots:
             return cls()
         turning = tuple(bool(t == mujoco.mjtJoint.mjJNT_HINGE) for t in model.jnt_type)
         out = {}
-        for kind in (*LIGHT, *(k for k in HEAVY if k in kinds)):
+        for kind in itertools.chain(LIGHT, *(group for group in HEAVY if kinds.intersection(group))):
             for effect in kind.candidates(model):
                 slot = _slot(model, effect)
                 out.setdefault(slot.key, slot)
@@ -147,7 +151,7 @@ class Slots:
 
 def compiles(effect: Effect) -> bool:
     """Whether an effect that pushes can be in a program."""
-    return type(effect) in (*LIGHT, *HEAVY, ResidualForce)
+    return type(effect) in itertools.chain(LIGHT, *HEAVY, (ResidualForce,))
 
 
 def smooth_numbers(effects: Iterable[Effect]) -> tuple[Array, ...]:
@@ -188,16 +192,6 @@ class Acting:
     effects: list[tuple[Slot, Any]]
     smooth: tuple[Features, Any] | None
 
-    def begin(self, memory: Any) -> list[Any]:
-        """Memories of each effect that has one, from all of them, `[M, N]`."""
-        out, at = [], 0
-        for slot, _ in self.effects:
-            size = slot.absent.memory
-            if size:
-                out.append(memory[at] if size == 1 else tuple(memory[at : at + size]))
-                at += size
-        return out
-
     def surroundings(self, bodies: Any, gravity: Any, t: Any) -> tuple[Any, list[Any]]:
         """Numbers of bodies `[nb, 10, N]` and gravity, at times `[N]`."""
         gravity = list(gravity)
@@ -221,18 +215,18 @@ class Acting:
 
     def forces(
         self,
-        memories: list[Any],
+        memory: Any,
         t: Any,
         q: Any,
         v: Any,
         u: Any,
         motor: Callable[[int], Any],
-        h: float,
-    ) -> tuple[Any, list[Any]]:
-        """Mean forces on the joints over a step, `[nv, N]`, and memories after it.
+        h: Any,
+    ) -> tuple[Any, Any]:
+        """Mean forces on the joints over a step, `[nv, N]`, and what effects remember after it.
 
         Args:
-            memories: before it.
+            memory: before it, `[M, N]`.
             t: times `[N]` in its middle.
             q: positions `[nv, N]` there.
             v: velocities there.
@@ -241,25 +235,34 @@ class Acting:
             h: s.
         """
         with using(Quick()):
-            force, left, memories = [jnp.zeros_like(x) for x in v], list(memories), []
+            force, left, after = [jnp.zeros_like(x) for x in v], iter(memory), []
             if self.smooth is not None:
                 features, weights = self.smooth
                 force = list((features(q.T, v.T, u.T) @ weights).T)
             for slot, effect in self.effects:
                 at, push = slot.at, None
                 if isinstance(effect, HystereticFriction):
-                    push, memory = effect.rub(left.pop(0), v[at], h)
-                    memories.append(memory)
+                    push, bent = effect.rub(next(left), v[at], h)
+                    after.append(bent)
                 elif isinstance(effect, TransmissionEffect):
-                    push, memory = effect.transmit(left.pop(0), motor(slot.motor), v[at], h)
-                    memories.append(memory)
+                    push, rotor = _transmitted(effect, (next(left), next(left)), motor(slot.motor), v[at], h)
+                    after.extend(rotor)
                 elif isinstance(effect, GainDrift):
                     push = effect.change(t, motor(slot.motor))
                 elif isinstance(effect, JointEffect) and not effect.rubs:
                     push = effect.torque(t, q[at], v[at])
                 if push is not None:
                     force[at] = force[at] + push
-        return jnp.stack(force), memories
+        return jnp.stack(force), jnp.stack(after) if after else memory
+
+
+def _transmitted(effect: TransmissionEffect, memory: Any, motor: Any, speed: Any, h: Any) -> Any:
+    """See `TransmissionEffect.transmit`; its many substeps only where some rollout has a rotor."""
+    return jax.lax.cond(
+        jnp.any(effect.rotor >= LIGHTEST),
+        lambda: effect.transmit(memory, motor, speed, h),
+        lambda: (jnp.zeros_like(speed), memory),
+    )
 
 
 def memories(effects: Sequence[Any], motor: Array, speed: Array, starts: Array, h: float) -> Array:
@@ -281,12 +284,12 @@ def memories(effects: Sequence[Any], motor: Array, speed: Array, starts: Array, 
     speed = np.pad(speed, [(0, more[0]), (0, more[2])])
     starts = np.pad(starts, [(0, more[1]), (0, more[2]), (0, 0)])
     with jax.enable_x64(True):
-        return np.asarray(_along(kind, names, h)(numbers, motor, speed, starts))[: steps + 1, :variants, :recordings]
+        return np.asarray(_along(kind, names)(numbers, motor, speed, starts, h))[: steps + 1, :variants, :recordings]
 
 
 @functools.lru_cache(maxsize=16)
-def _along(kind: type[Effect], names: tuple[str, ...], h: float) -> Any:
-    def along(numbers: Any, motor: Any, speed: Any, starts: Any) -> Any:
+def _along(kind: type[Effect], names: tuple[str, ...]) -> Any:
+    def along(numbers: Any, motor: Any, speed: Any, starts: Any, h: Any) -> Any:
         effect: Any = kind("", **dict(zip(names, numbers, strict=True)))
         first = jnp.broadcast_to(speed[0], motor.shape[1:])
 

@@ -77,7 +77,7 @@ def diagnose(
     training, test = (recordings, held_out) if held_out else split(recordings)
     training, test = [thin(r) for r in training], [thin(r) for r in test]
     between = spacing(training)
-    fine = max(0.001, round(between / np.ceil(between / 0.0101), 3))  # few values, for each is compiled
+    fine = max(0.001, between / np.ceil(between / 0.0101))
     sigma = noise(training)
     with progress("Diagnosing", total=5) as advance:
         fits = [_refit(s, training, sigma) for s in (Simulator(model, fine), Simulator(model))]

@@ -36,8 +36,8 @@ from keycld_model.diagnosis.scalars import (
 )
 
 Array = NDArray[np.float64]
-CHUNK, STEP_CHUNKS = 128, (64, 512)
-"""Rollouts of many steps, and of one, that are simulated together: any other number of them is compiled anew."""
+CHUNK, PIECE = 128, 40
+"""Rollouts, and steps at most, that are simulated together: any other numbers would be compiled anew."""
 MOST_JOINTS = 6
 BODY, JOINT, MOTOR = 10, 11, 9
 """Numbers per body, joint and motor."""
@@ -74,7 +74,6 @@ class Mechanism:
         joints: of all bodies.
         motors: joint of each.
         loops: that are closed.
-        step: s.
         runge_kutta: the integrator; semi-implicit Euler with implicit damping otherwise.
     """
 
@@ -82,7 +81,6 @@ class Mechanism:
     joints: tuple[Joint, ...]
     motors: tuple[int, ...]
     loops: tuple[Loop, ...]
-    step: float
     runge_kutta: bool
 
     @classmethod
@@ -110,7 +108,7 @@ class Mechanism:
             bodies.append(Body(int(model.body_parentid[b]) - 1, own, *turns, nonzero))
         motors = tuple(int(model.actuator_trnid[i, 0]) for i in range(model.nu))
         runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        return cls(tuple(bodies), joints, motors, loops, float(model.opt.timestep), bool(runge_kutta))
+        return cls(tuple(bodies), joints, motors, loops, bool(runge_kutta))
 
     @property
     def length(self) -> int:
@@ -134,7 +132,7 @@ class Mechanism:
         friction = model.dof_frictionloss * (on["CONSTRAINT"] and on["FRICTIONLOSS"])
         impedance = np.clip(model.dof_solimp[:, :2], 1e-4, 0.9999)
         regular = np.maximum((1 - impedance[:, 0]) / impedance[:, 0] * model.dof_invweight0, 1e-15)
-        safe = np.maximum(model.dof_solref[:, 0], 2 * self.step if on["REFSAFE"] else 0.0)
+        safe = np.maximum(model.dof_solref[:, 0], 2 * model.opt.timestep if on["REFSAFE"] else 0.0)
         joints = [
             np.stack([model.dof_damping, *model.dof_dampingpoly.T]) * on["DAMPER"],
             model.dof_armature[None],
@@ -171,23 +169,25 @@ class Mechanism:
             np.concatenate([self.numbers(model), slots.numbers(some.effects)])
             for model, some in zip(copies.models, copies.pushing, strict=True)
         ]
-        memory = np.stack([slots.remembered(some, windows) for some in copies.pushing])
-        numbers = np.concatenate([np.stack(rows)[copies.of], memory[copies.of, copies.window]], axis=1)
+        memory = np.stack([slots.remembered(some, windows) for some in copies.pushing])[copies.of, copies.window]
+        numbers, step = np.stack(rows)[copies.of], float(copies.models[0].opt.timestep)
         with jax.enable_x64(True):
-            chunks = [jnp.asarray(numbers[piece].T) for piece in _chunks(len(numbers), steps)]
-            return Batch(slots, chunks, smooth_numbers(everything))
+            chunks = [(jnp.asarray(numbers[some].T), jnp.asarray(memory[some].T)) for some in _chunks(len(numbers))]
+        return Batch(slots, chunks, smooth_numbers(everything), step)
 
     def run(self, batch: "Batch", state: Array, control: Array, time: Array) -> Array:
         """See `Rollouts`."""
         (n, steps, _), roll = control.shape, self._programs(batch.slots)
-        out, at = np.empty((n, steps, state.shape[1])), 0
+        out, at = np.empty((n, steps, self.size)), 0
         with jax.enable_x64(True):
-            for numbers, piece in zip(batch.numbers, _chunks(n, steps), strict=True):
-                path = np.asarray(
-                    roll(numbers, state[piece].T, np.moveaxis(control[piece], 0, -1), time[piece], batch.smooth)
-                )
-                used = min(len(piece), n - at)
-                out[at : at + used] = np.moveaxis(path, -1, 0)[:used]
+            for (numbers, memory), some in zip(batch.chunks, _chunks(n), strict=True):
+                motion, used = _Motion.begin(state[some].T, memory, time[some]), min(CHUNK, n - at)
+                for begin in range(0, steps, PIECE):
+                    end = min(begin + PIECE, steps)
+                    commands = np.zeros((PIECE, control.shape[2], CHUNK))
+                    commands[: end - begin] = np.moveaxis(control[some, begin:end], 0, -1)
+                    motion, path = roll(numbers, motion, commands, end - begin, batch.step, batch.smooth)
+                    out[at : at + used, begin:end] = np.moveaxis(np.asarray(path)[: end - begin], -1, 0)[:used]
                 at += used
         return out
 
@@ -203,19 +203,44 @@ class Batch:
 
     Attributes:
         slots: for effects.
-        numbers: `[K, N]` of the mechanism and of effects, and what effects remember.
+        chunks: numbers `[K, N]` of the mechanism and of effects, and what effects remember at first, `[M, N]`.
         smooth: of a residual force.
+        step: s.
     """
 
     slots: Slots
-    numbers: list[Any]
+    chunks: list[tuple[Any, Any]]
     smooth: tuple[Any, ...]
+    step: float
 
 
-def _chunks(number: int, steps: int) -> list[NDArray[np.int64]]:
+class _Motion(NamedTuple):
+    """Where N rollouts are.
+
+    Attributes:
+        q: `[nv, N]`.
+        v: `[nv, N]`.
+        before: velocities one step before.
+        memory: `[M, N]` of effects.
+        time: `[N]` s, for effects.
+    """
+
+    q: Any
+    v: Any
+    before: Any
+    memory: Any
+    time: Any
+
+    @classmethod
+    def begin(cls, state: Any, memory: Any, time: Any) -> "_Motion":
+        """From states `[2 nv, N]`."""
+        q, v = np.split(state, 2)
+        return cls(q, v, v, memory, time)
+
+
+def _chunks(number: int) -> list[NDArray[np.int64]]:
     """Indices in pieces of one size, the last one filled up."""
-    size = CHUNK if steps > 1 else STEP_CHUNKS[number > STEP_CHUNKS[0]]
-    return [np.minimum(np.arange(at, at + size), number - 1) for at in range(0, number, size)]
+    return [np.minimum(np.arange(at, at + CHUNK), number - 1) for at in range(0, number, CHUNK)]
 
 
 _FLAGS = ("CONSTRAINT", "FRICTIONLOSS", "GRAVITY", "SPRING", "DAMPER", "ACTUATION", "CLAMPCTRL", "REFSAFE")
@@ -317,31 +342,33 @@ def _split(mechanism: Mechanism, numbers: Any) -> _Numbers:
 
 
 def _program(mechanism: Mechanism, slots: Slots) -> Any:
-    """For numbers `[K, N]`, states `[2 nv, N]`, control `[S, nu + nv, N]` and times `[N]`."""
-    step, h = _runge_kutta if mechanism.runge_kutta else _euler, mechanism.step
+    """For numbers `[K, N]`, where rollouts are, control `[S, nu + nv, N]`, how many steps are wanted, and seconds each.
+
+    Gives where the rollouts are then, and their states `[S, 2 nv, N]`.
+    """
+    step: Any = _runge_kutta if mechanism.runge_kutta else _euler
     nu = len(mechanism.motors)
 
-    def roll(numbers: Any, state: Any, control: Any, time: Any, smooth: Any) -> Any:
-        mine, others, memory = jnp.split(numbers, [mechanism.length, mechanism.length + slots.length])
+    def roll(numbers: Any, motion: _Motion, control: Any, steps: Any, h: Any, smooth: Any) -> Any:
+        mine, others = jnp.split(numbers, [mechanism.length])
         own, acting = _split(mechanism, mine), slots.acting(others, smooth)
 
-        def advance(carry: Any, u: Any) -> Any:
-            q, v, before, memories, t = carry
-            here, middle = own, t + h / 2
+        def advance(i: Any, carry: Any) -> Any:
+            (q, v, before, memory, t), path = carry
+            u, here, middle = control[i], own, t + h / 2
             if slots.slots:
                 gain = (v - before) / h
                 half_q, half_v = q + 0.5 * h * v + 0.125 * h**2 * gain, v + 0.5 * h * gain
                 bodies, gravity = acting.surroundings(own.bodies, own.gravity, middle)
                 friction = acting.rubbed(own.friction, half_q, half_v, _loads(mechanism, own, half_q, half_v, u))
                 here = own._replace(bodies=bodies, gravity=gravity, friction=friction)
-                force, memories = acting.forces(memories, middle, half_q, half_v, u[:nu], _motors(here, u), h)
+                force, memory = acting.forces(memory, middle, half_q, half_v, u[:nu], _motors(here, u), h)
                 u = jnp.concatenate([u[:nu], u[nu:] + force])
-            motion = step(mechanism, here, (q, v), u)
-            return (*motion, v, memories, t + h), jnp.concatenate(motion)
+            after = step(mechanism, here, (q, v), u, h)
+            return _Motion(*after, v, memory, t + h), path.at[i].set(jnp.concatenate(after))
 
-        q, v = jnp.split(state, 2)
-        start = q, v, v, acting.begin(memory), time
-        return jax.lax.scan(advance, start, control)[1]
+        path = jnp.zeros((len(control), mechanism.size, numbers.shape[1]))
+        return jax.lax.fori_loop(0, steps, advance, (motion, path))
 
     return jax.jit(roll)
 
@@ -356,7 +383,7 @@ def _loads(mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any, u: Any) -> C
 
     def load(j: int) -> Any:
         alone = jnp.concatenate([u[: len(mechanism.motors)], jnp.zeros_like(v)])
-        acceleration = _acceleration(mechanism, numbers, q, v, alone, implicit=False)
+        acceleration = _acceleration(mechanism, numbers, q, v, alone)
         moving = _mass_and_bias(mechanism, numbers, q, v)[2]
         beyond, force = {mechanism.bearing(j)}, (0.0, 0.0, 0.0)
         for b, body in enumerate(mechanism.bodies):
@@ -374,33 +401,32 @@ def _loads(mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any, u: Any) -> C
     return load
 
 
-def _runge_kutta(mechanism: Mechanism, numbers: _Numbers, state: Any, u: Any) -> Any:
+def _runge_kutta(mechanism: Mechanism, numbers: _Numbers, state: Any, u: Any, h: Any) -> Any:
     """The classical one, of fourth order."""
-    h = mechanism.step
     q, v = state
 
     def stage(carry: Any, weights: Any) -> Any:
         before, total = carry
         ahead, share = weights
         here = q + h * ahead * before[0], v + h * ahead * before[1]
-        slope = here[1], _acceleration(mechanism, numbers, *here, u, implicit=False)
+        slope = here[1], _acceleration(mechanism, numbers, *here, u)
         return (slope, jax.tree.map(lambda t, s: t + share * s, total, slope)), None
 
     zero = jnp.zeros_like(q), jnp.zeros_like(v)
     weights = jnp.array([0.0, 0.5, 0.5, 1.0]), jnp.array([1.0, 2.0, 2.0, 1.0]) / 6
-    (_, total), _ = jax.lax.scan(stage, (zero, zero), weights, unroll=4)
+    (_, total), _ = jax.lax.scan(stage, (zero, zero), weights, unroll=2)
     return q + h * total[0], v + h * total[1]
 
 
-def _euler(mechanism: Mechanism, numbers: _Numbers, state: Any, u: Any) -> Any:
+def _euler(mechanism: Mechanism, numbers: _Numbers, state: Any, u: Any, h: Any) -> Any:
     """Semi-implicit, with implicit damping."""
     q, v = state
-    v = v + mechanism.step * _acceleration(mechanism, numbers, q, v, u, implicit=True)
-    return q + mechanism.step * v, v
+    v = v + h * _acceleration(mechanism, numbers, q, v, u, implicit=h)
+    return q + h * v, v
 
 
-def _acceleration(mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any, u: Any, implicit: bool) -> Any:
-    """`[nv, N]`; `implicit` in damping, as a step of Euler's needs it."""
+def _acceleration(mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any, u: Any, implicit: Any = None) -> Any:
+    """`[nv, N]`; `implicit` in damping over so many seconds, as a step of Euler's needs it."""
     nv, nu, joints = len(mechanism.joints), len(mechanism.motors), numbers.joints
     mass, bias, _, frames = _mass_and_bias(mechanism, numbers, q, v)
     slope, force = [], []
@@ -423,10 +449,10 @@ def _acceleration(mechanism: Mechanism, numbers: _Numbers, q: Any, v: Any, u: An
     tight, pulled = tightened(mass, force, rows)
     rubbed = _friction(tight, pulled, [(numbers.friction[j], *joints[j, 9:]) for j in range(nv)], v)
     acceleration = jnp.stack(solve(tight, [add(f, r) for f, r in zip(pulled, rubbed, strict=True)]))
-    if not implicit:
+    if implicit is None:
         return acceleration
     for j in range(nv):
-        mass[j][j] = mass[j][j] + mechanism.step * slope[j]
+        mass[j][j] = mass[j][j] + implicit * slope[j]
     forces = zip(force, rubbed, pulls(rows, acceleration), strict=True)
     return jnp.stack(solve(mass, [add(add(f, r), p) for f, r, p in forces]))
 
@@ -465,9 +491,9 @@ def _friction(mass: list[list[Any]], force: list[Any], joints: Sequence[Any], v:
                 forces[j] = jnp.clip(forces[j] + change, -most, most)
             return jnp.stack(forces), None
 
-        rubbed, _ = jax.lax.scan(relax, jnp.zeros_like(v), None, length=2 * nv, unroll=True)  # finds which joints stick
+        rubbed, _ = jax.lax.scan(relax, jnp.zeros_like(v), None, length=2 * nv)  # finds which joints stick
         first = jnp.stack(solve(mass, [f + r for f, r in zip(force, rubbed, strict=True)]))
-        acceleration, _ = jax.lax.scan(newton, first, None, length=2, unroll=True)  # exact then
+        acceleration, _ = jax.lax.scan(newton, first, None, length=2)  # exact then
         return jnp.stack(rub(acceleration)[0])
 
     anywhere = functools.reduce(jnp.logical_or, [jnp.any(joint[0] > 0) for joint in joints])

@@ -13,8 +13,6 @@ from keycld_envs.recordings import Recording
 Array = NDArray[np.float64]
 SMOOTH = 7
 """Samples of a local parabola."""
-EVEN = 4
-"""Steps of windows are a multiple of it."""
 
 
 @dataclass(frozen=True)
@@ -127,9 +125,8 @@ def _steps_before(seconds: Any, step: float) -> Any:
 
 
 def _steps_over(time: Array, start: Array, step: float) -> int:
-    """Steps that windows need to reach their last samples, times `[W, n]` and `[W]`; few numbers, each is compiled."""
-    steps = int(np.ceil((time[:, -1] - start).max() / step)) + 1
-    return steps + -steps % EVEN
+    """Steps that windows need to reach their last samples, times `[W, n]` and `[W]`."""
+    return int(np.ceil((time[:, -1] - start).max() / step)) + 1
 
 
 def _seen(measured: Array) -> Any:
