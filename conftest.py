@@ -1,7 +1,7 @@
 """The Python examples in README.md and docs/*.md are tests; each document runs in an empty folder.
 
-What JAX compiles is kept between test processes and runs, in `.pytest_cache`. Processes beside each other get one thread
-of linear algebra each.
+What JAX compiles is kept between test processes and runs, in `.pytest_cache`. Processes that run beside each other get
+one thread of linear algebra each.
 """
 
 import os

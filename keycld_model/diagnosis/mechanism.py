@@ -304,7 +304,7 @@ def _matrix(quaternion: Array) -> tuple[Vector, Vector, Vector]:
 
 @functools.lru_cache(maxsize=8)
 def _programs(mechanism: Mechanism) -> Callable[[Slots], Any]:
-    """Programs of equal mechanisms: `[S, 2 nv, N]` for numbers, states, control and times of the start.
+    """Programs of equal mechanisms, see `_program`.
 
     The last ones used: each takes memory, and some of the mappings of which a process may have 65,530 on Linux.
     """
@@ -346,8 +346,7 @@ def _program(mechanism: Mechanism, slots: Slots) -> Any:
 
     Gives where the rollouts are then, and their states `[S, 2 nv, N]`.
     """
-    step: Any = _runge_kutta if mechanism.runge_kutta else _euler
-    nu = len(mechanism.motors)
+    step, nu = _runge_kutta if mechanism.runge_kutta else _euler, len(mechanism.motors)
 
     def roll(numbers: Any, motion: _Motion, control: Any, steps: Any, h: Any, smooth: Any) -> Any:
         mine, others = jnp.split(numbers, [mechanism.length])
@@ -364,8 +363,8 @@ def _program(mechanism: Mechanism, slots: Slots) -> Any:
                 here = own._replace(bodies=bodies, gravity=gravity, friction=friction)
                 force, memory = acting.forces(memory, middle, half_q, half_v, u[:nu], _motors(here, u), h)
                 u = jnp.concatenate([u[:nu], u[nu:] + force])
-            after = step(mechanism, here, (q, v), u, h)
-            return _Motion(*after, v, memory, t + h), path.at[i].set(jnp.concatenate(after))
+            after, speed = step(mechanism, here, (q, v), u, h)
+            return _Motion(after, speed, v, memory, t + h), path.at[i].set(jnp.concatenate([after, speed]))
 
         path = jnp.zeros((len(control), mechanism.size, numbers.shape[1]))
         return jax.lax.fori_loop(0, steps, advance, (motion, path))
