@@ -53,7 +53,7 @@ def run(args: Args) -> None:
         table.add_column(column, justify="left" if column in ("system", "start") else "right")
     for row in rows:
         table.add_row(
-            row.system,
+            row.system.removeprefix("KeyCLD/"),
             row.start,
             f"{row.successes}/{row.episodes}",
             f"{row.interval[0]:.2f} – {row.interval[1]:.2f}",
