@@ -21,6 +21,7 @@ class Args:
         mjcf: MuJoCo XML file to compare with instead.
         held_out: Folder of recordings to test findings on; by default a third of the recordings is held out.
         out: Folder for report.json, report.html (the same for people), and corrected.xml (the corrected simulator).
+        tracked: Positions were read off images of a camera; its errors (a view askew, a rolling shutter) are refitted.
         seed: Has no effect: the diagnosis is a fixed function of recordings and simulator.
         json: Print the report as one JSON object.
     """
@@ -30,6 +31,7 @@ class Args:
     mjcf: Path | None = None
     held_out: Path | None = None
     out: Path | None = None
+    tracked: bool = False
     seed: int = 0
     json: bool = False
 
@@ -47,7 +49,7 @@ def run(args: Args) -> int:
     recordings = read_dataset(args.recordings).recordings
     held_out = read_dataset(args.held_out).recordings if args.held_out else ()
     source = Source.of(args.mjcf, args.env or recordings[0].system)
-    report = diagnose(recordings, source.model, held_out)
+    report = diagnose(recordings, source.model, held_out, args.tracked)
     if args.out is not None:
         args.out.mkdir(parents=True, exist_ok=True)
         write_result(report.to_dict(), args.out / "report.json")

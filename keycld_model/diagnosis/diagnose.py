@@ -58,6 +58,7 @@ def diagnose(
     recordings: Sequence[Recording],
     model: mujoco.MjModel,
     held_out: Sequence[Recording] = (),
+    tracked: bool = False,
 ) -> Report:
     """Find physics that a simulator lacks.
 
@@ -65,6 +66,8 @@ def diagnose(
         recordings: joint positions and commands; a third of them is held out unless `held_out` is given.
         model: the simulator, of hinges and slides.
         held_out: recordings to test findings on, of other amplitudes and inputs.
+        tracked: positions were read off images of a camera, whose errors are refitted, too: a view askew, and a shutter
+            that rolls.
 
     Returns:
         The report.
@@ -80,7 +83,8 @@ def diagnose(
     fine = max(0.001, between / np.ceil(between / 0.0101))
     sigma = noise(training)
     with progress("Diagnosing", total=5) as advance:
-        fits = [_refit(s, training, sigma) for s in (Simulator(model, fine), Simulator(model))]
+        own = Simulator(model, tracked=tracked)
+        fits = [_refit(s, training, sigma) for s in (Simulator(model, fine, tracked=tracked), own)]
         advance(1, "searching")
         explained = _finer(_search(fits), training)
         advance(1, "rivals")
@@ -125,6 +129,7 @@ def diagnose(
             "noise": sigma.tolist(),
             "windows": len(refitted.problem.windows),
             "step_s": simulator.step,
+            "tracked": tracked,
             "integrator": mujoco.mjtIntegrator(simulator.model.opt.integrator).name,
         },
         evidence=evidence(model, (refitted, concluded.fit), (rollouts[1], rollouts[2]), (training, test)),
@@ -258,7 +263,8 @@ def _finer(explained: _Explained, recordings: Sequence[Recording]) -> _Explained
     coarse = best.problem.simulator
     if coarse.own or best.point.variant.pulses or coarseness(best, recordings) < DOUBTFUL * temper:
         return explained
-    problem = _problem(Simulator(coarse.model, coarse.step / 2), recordings, best.problem.noise)
+    halved = Simulator(coarse.model, coarse.step / 2, tracked=coarse.tracked)
+    problem = _problem(halved, recordings, best.problem.noise)
     fine = problem.minimise(replay(problem, best).point)
     if fine.cost > best.cost - DOUBTFUL * temper:
         return explained
@@ -273,9 +279,12 @@ def coarseness(fit: Fit, recordings: Sequence[Recording]) -> float:
     """
     some = np.unique(np.linspace(0, len(fit.problem.windows) - 1, FEW).round().astype(int))
     part, point, step = fit.problem.take(some), fit.point.take(some), fit.problem.simulator.step
-    model = fit.problem.simulator.model
-    coarse = replace(part, simulator=Simulator(model, step, compiled=False))
-    fine = replace(part, simulator=Simulator(model, step / 2, compiled=False), windows=part.windows.halved(recordings))
+    simulators = [
+        Simulator(fit.problem.simulator.model, h, compiled=False, tracked=fit.problem.simulator.tracked)
+        for h in (step, step / 2)
+    ]
+    coarse = replace(part, simulator=simulators[0])
+    fine = replace(part, simulator=simulators[1], windows=part.windows.halved(recordings))
     residual, states = coarse.roll([point.variant], point)
     change = Linearisation(fine.residual(point) - residual[0], states, residual[0][..., None])
     left = change.project(change.residual[..., None])

@@ -94,10 +94,10 @@ def nuisance_of(fit: Fit) -> dict[str, Estimate]:
     values = zip(fit.problem.simulator.nuisances, fit.point.variant.values, covariance, strict=False)
     for nuisance, value, variance in values:
         spread = 1.645 * np.sqrt(max(variance, 0.0))
-        low, high, unit = value - spread, value + spread, "rad or m"
-        if nuisance.kind != "zero":
-            value, low, high, unit = np.exp(value), np.exp(low), np.exp(high), "of the simulator's"
-        out[nuisance.name] = Estimate(float(value), unit, float(low), float(high))
+        low, high = value - spread, value + spread
+        if nuisance.factor:
+            value, low, high = np.exp(value), np.exp(low), np.exp(high)
+        out[nuisance.name] = Estimate(float(value), nuisance.unit, float(low), float(high))
     return out
 
 

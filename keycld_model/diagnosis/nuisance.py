@@ -1,4 +1,4 @@
-"""What is never missing physics: masses and lengths that are a little off, and zeros of encoders."""
+"""What is never missing physics: masses and lengths that are a little off, zeros of encoders, errors of a camera."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -13,6 +13,15 @@ MASS_SPREAD, LENGTH_SPREAD = 0.12, 0.12
 """Standard deviations expected of the logarithms of masses and lengths."""
 ZERO_SPREAD = 0.015
 """Standard deviation expected of an encoder's zero, rad or m."""
+VIEW_SPREAD, SHUTTER_SPREAD = 0.03, 0.01
+"""Standard deviations expected of what a camera that looks askew adds to a position, rad or m, and of the time, s, that
+its shutter takes to roll from one line of the image to another."""
+CAMERA: dict[Literal["squash", "skew", "shutter"], float] = {
+    "squash": VIEW_SPREAD,
+    "skew": VIEW_SPREAD,
+    "shutter": SHUTTER_SPREAD,
+}
+"""Its errors, and their standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -21,24 +30,38 @@ class Nuisance:
 
     Attributes:
         name: for instance "mass of upper_arm".
-        kind: "mass" and "length" are logarithms of factors, "zero" is in rad or m.
+        kind: "mass" and "length" are logarithms of factors, "zero" is in rad or m; "squash", "skew" and "shutter" are
+            errors of a camera, see `seen`.
         index: body, or joint.
         spread: standard deviation expected of it.
     """
 
     name: str
-    kind: Literal["mass", "length", "zero"]
+    kind: Literal["mass", "length", "zero", "squash", "skew", "shutter"]
     index: int
     spread: float
 
     @property
+    def factor(self) -> bool:
+        """It is the logarithm of a factor of the simulator's own number."""
+        return self.kind in ("mass", "length")
+
+    @property
+    def unit(self) -> str:
+        """Of what is reported."""
+        return "of the simulator's" if self.factor else "s" if self.kind == "shutter" else "rad or m"
+
+    @property
     def scale(self) -> float:
         """Step of derivatives."""
-        return 0.02 * self.spread if self.kind == "zero" else 0.01
+        return 0.01 if self.factor else 0.02 * self.spread
 
 
-def nuisances(model: mujoco.MjModel) -> tuple[Nuisance, ...]:
-    """Those of a model: a mass and a length per body with joints, a zero per joint."""
+def nuisances(model: mujoco.MjModel, tracked: bool = False) -> tuple[Nuisance, ...]:
+    """Those of a model: a mass and a length per body with joints, a zero per joint.
+
+    If positions were `tracked` in images, errors of the camera at each joint as well.
+    """
     bodies = [b for b in range(1, model.nbody) if model.body_dofnum[b]]
     turning = [b for b in bodies if (model.jnt_type[model.body_jntadr[b]] == mujoco.mjtJoint.mjJNT_HINGE)]
     joints = range(model.njnt)
@@ -46,14 +69,49 @@ def nuisances(model: mujoco.MjModel) -> tuple[Nuisance, ...]:
         *(Nuisance(f"mass of {model.body(b).name}", "mass", b, MASS_SPREAD) for b in bodies),
         *(Nuisance(f"length of {model.body(b).name}", "length", b, LENGTH_SPREAD) for b in turning),
         *(Nuisance(f"zero of {model.joint(j).name}", "zero", j, ZERO_SPREAD) for j in joints),
+        *(
+            Nuisance(f"{kind} of {model.joint(j).name}", kind, j, spread)
+            for j in (joints if tracked else ())
+            for kind, spread in CAMERA.items()
+        ),
     )
 
 
+def seen(
+    model: mujoco.MjModel,
+    which: tuple[Nuisance, ...],
+    values: NDArray[np.float64],
+    q: NDArray[np.float64],
+    v: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Measured positions `[..., nv]` for true ones and velocities.
+
+    A plane that is seen askew is squashed along some direction: to first order angles are off by sin 2q and cos 2q, and
+    slides by q and q². A shutter that rolls across the image sees a joint earlier or later by where it is.
+    """
+    out = q.copy()
+    for nuisance, value in zip(which, values, strict=True):
+        if nuisance.factor:
+            continue
+        j = nuisance.index
+        turns = model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
+        at, speed = q[..., j], v[..., j]
+        if nuisance.kind == "zero":
+            out[..., j] += value
+        elif nuisance.kind == "squash":
+            out[..., j] += value * (np.sin(2 * at) if turns else at)
+        elif nuisance.kind == "skew":
+            out[..., j] += value * (np.cos(2 * at) - 1 if turns else at**2)
+        elif nuisance.kind == "shutter":
+            out[..., j] += value * speed * (np.sin(at) if turns else at)
+    return out
+
+
 def apply(model: mujoco.MjModel, which: tuple[Nuisance, ...], values: NDArray[np.float64]) -> None:
-    """Change a compiled model in place; zeros are no business of the model."""
+    """Change a compiled model in place; zeros and cameras are no business of the model."""
     for nuisance, value in zip(which, values, strict=True):
         factor = float(np.exp(value))
-        for body in rigid(model, nuisance.index) if nuisance.kind != "zero" else ():
+        for body in rigid(model, nuisance.index) if nuisance.factor else ():
             if nuisance.kind == "mass":
                 model.body_mass[body] *= factor
                 model.body_inertia[body] *= factor

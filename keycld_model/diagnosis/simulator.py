@@ -86,19 +86,28 @@ class Simulator:
         model: as it is believed to be.
         step: seconds.
         own: with the model's integrator and time step.
+        tracked: positions are read off images.
         nuisances: what may be refitted.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, step: float | None = None, threads: int = 2, compiled: bool = True
+        self,
+        model: mujoco.MjModel,
+        step: float | None = None,
+        threads: int = 2,
+        compiled: bool = True,
+        tracked: bool = False,
     ) -> None:
-        """With Runge-Kutta steps of `step` seconds, or with the model's own integrator and time step."""
-        self.model, self.own = copy.copy(model), step is None
+        """With Runge-Kutta steps of `step` seconds, or with the model's own integrator and time step.
+
+        `tracked` in images of a camera are the positions.
+        """
+        self.model, self.own, self.tracked = copy.copy(model), step is None, tracked
         if step is not None:
             self.model.opt.timestep, self.model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
         self.model.opt.enableflags = 0
         self.step = float(self.model.opt.timestep)
-        self.nuisances: tuple[Nuisance, ...] = nuisance.nuisances(model)
+        self.nuisances: tuple[Nuisance, ...] = nuisance.nuisances(model, tracked)
         self._data = mujoco.MjData(self.model)
         self._models = ModelPool(self.model)
         self._mujoco = MujocoRollouts(self.model, threads)
@@ -152,9 +161,9 @@ class Simulator:
         since = windows.time - windows.start[:, None] + begun
         shown = [_shown(variant, since) - _shown(variant, begun) for variant in variants]
         out = np.empty((len(which), *windows.measured.shape))
-        zero = [i for i, n in enumerate(self.nuisances) if n.kind == "zero"]
         for p, i in enumerate(which):
-            out[p] = _hermite(positions[p], velocities[p], shown[i], self.step) + variants[i].values[zero]
+            at = _hermite(positions[p], velocities[p], shown[i], self.step)
+            out[p] = nuisance.seen(self.model, self.nuisances, variants[i].values, *at)
         return out
 
     def roll(
@@ -331,10 +340,11 @@ def usual_forces(model: mujoco.MjModel) -> Array:
     return 0.2 * model.dof_M0
 
 
-def _hermite(q: Array, v: Array, time: Array, step: float) -> Array:
-    """Positions at times `[W, n]` between steps, from positions and velocities `[W, S+1, nv]`."""
+def _hermite(q: Array, v: Array, time: Array, step: float) -> tuple[Array, Array]:
+    """Positions and velocities at times `[W, n]` between steps, from those at steps, `[W, S+1, nv]`."""
     k = np.clip((time / step).astype(int), 0, q.shape[1] - 2)
     s = (time / step - k)[..., None]
     row = np.arange(len(q))[:, None]
     q0, q1, v0, v1 = q[row, k], q[row, k + 1], v[row, k] * step, v[row, k + 1] * step
-    return (1 + 2 * s) * (1 - s) ** 2 * q0 + s * (1 - s) ** 2 * v0 + s**2 * (3 - 2 * s) * q1 + s**2 * (s - 1) * v1
+    at = (1 + 2 * s) * (1 - s) ** 2 * q0 + s * (1 - s) ** 2 * v0 + s**2 * (3 - 2 * s) * q1 + s**2 * (s - 1) * v1
+    return at, ((1 - s) * v0 + s * v1) / step

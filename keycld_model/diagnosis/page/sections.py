@@ -8,6 +8,7 @@ import numpy as np
 from keycld_envs.effects import Effect, effect_class
 from keycld_model.diagnosis.evidence import Evidence
 from keycld_model.diagnosis.native import native
+from keycld_model.diagnosis.nuisance import CAMERA
 from keycld_model.diagnosis.page.geometry import HINGE
 from keycld_model.diagnosis.page.mathml import mathml
 from keycld_model.diagnosis.page.portrait import portrait
@@ -143,6 +144,9 @@ def nuisances(report: Report, model: mujoco.MjModel) -> str:
             shown = Estimate(1e3 * estimate.value, "1", 1e3 * estimate.low, 1e3 * estimate.high)
             text = f"{measured(shown)} {'mrad' if kinds.get(of, True) else 'mm'}"
             middle, spread = estimate.value / 0.05, (estimate.high - estimate.low) / 0.1
+        elif kind in CAMERA:
+            text, middle = f"{measured(estimate)} {estimate.unit}", estimate.value / 0.05
+            spread = (estimate.high - estimate.low) / 0.1
         else:
             percent = Estimate(100 * (estimate.value - 1), "%", 100 * (estimate.low - 1), 100 * (estimate.high - 1))
             text = ("+" if percent.value > 0 else "") + measured(percent)

@@ -86,11 +86,14 @@ def locate(folder: Path, path: str) -> Path:
 
 
 def timed_diagnosis(
-    recordings: Sequence[Recording], model: mujoco.MjModel, held_out: Sequence[Recording] = ()
+    recordings: Sequence[Recording],
+    model: mujoco.MjModel,
+    held_out: Sequence[Recording] = (),
+    tracked: bool = False,
 ) -> tuple[Report, float]:
     """The report, and the seconds that it took."""
     start = time.perf_counter()
-    report = diagnose(recordings, model, held_out)
+    report = diagnose(recordings, model, held_out, tracked)
     return report, round(time.perf_counter() - start, 1)
 
 

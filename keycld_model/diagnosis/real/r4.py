@@ -35,7 +35,7 @@ def run(folder: Path) -> GateResult:
     """Run the gate; the last third is held out."""
     start = time.perf_counter()
     whole, model = recording(folder), simulator()
-    report, seconds = timed_diagnosis([whole], model)
+    report, seconds = timed_diagnosis([whole], model, tracked=True)
     drag = find(report, "quadratic_drag", "hinge")
     return GateResult(
         gate="R4",

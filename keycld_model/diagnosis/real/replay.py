@@ -46,7 +46,7 @@ class Rollouts:
 def variant(report: Report, simulator: Simulator, *, findings: bool) -> Variant:
     """The simulator with the nuisances of the correction, with or without its effects."""
     values = [
-        value if nuisance.kind == "zero" else float(np.log(value))
+        float(np.log(value)) if nuisance.factor else value
         for nuisance in simulator.nuisances
         for value in [report.nuisance[nuisance.name].value]
     ]
@@ -90,7 +90,7 @@ def refit(
 def simulator_of(report: Report, model: mujoco.MjModel) -> Simulator:
     """The simulator that a diagnosis chose."""
     own = report.details["step_s"] == model.opt.timestep
-    return Simulator(model, None if own else report.details["step_s"])
+    return Simulator(model, None if own else report.details["step_s"], tracked=report.details["tracked"])
 
 
 def curves(report: Report, model: mujoco.MjModel, recordings: Sequence[Recording], seconds: float) -> list[Curve]:
