@@ -46,8 +46,8 @@ CLEAR, DOUBTFUL = 10.0, 3.0
 UNKNOWN, MATERIAL = 15.0, 0.02
 """Nats that a force without a name must gain on held-out recordings, and share of what named effects gained if it
 stands beside them: its form is free, and may mend idealisations of theirs."""
-FEW = 8
-"""Windows that tell whether steps are short enough."""
+FEW, HALVED = 8, 2
+"""Windows that tell whether steps are short enough, and times that they are halved before the search."""
 LEFT = 0.1
 """Share of the misfit that named effects may leave, for them to be certain."""
 EXCLUDED = ("external_pulse",)
@@ -83,10 +83,10 @@ def diagnose(
     fine = max(0.001, between / np.ceil(between / 0.0101))
     sigma = noise(training)
     with progress("Diagnosing", total=5) as advance:
-        own = Simulator(model, tracked=tracked)
-        fits = [_refit(s, training, sigma) for s in (Simulator(model, fine, tracked=tracked), own)]
+        accurate = _accurate(_refit(Simulator(model, fine, tracked=tracked), training, sigma), training)
+        own = _refit(Simulator(model, tracked=tracked), training, sigma)
         advance(1, "searching")
-        explained = _finer(_search(fits), training)
+        explained = _search(accurate, own, training)
         advance(1, "rivals")
         found = explained.findings(training)
         advance(1, "testing on held-out recordings")
@@ -245,31 +245,41 @@ def _problem(simulator: Simulator, recordings: Sequence[Recording], sigma: NDArr
     return Problem(simulator, windows, sigma)
 
 
-def _search(fits: Sequence[Fit]) -> _Explained:
+def _search(accurate: Fit, own: Fit, recordings: Sequence[Recording]) -> _Explained:
     """With the integrator that is right: an accurate one for nature, its own for a simulation of the model itself."""
-    accurate, own = fits
     first, second = (own, accurate) if own.excess < OWN * accurate.excess else (accurate, own)
-    explained = _explain(first)
+    explained = _explain(first, recordings)
     best = explained.best.fit
     if best.point.variant.pulses:
         return explained
     rival = min(second.cost, second.problem.minimise(second.point.with_effects(*best.effects)).cost)
-    return _explain(second) if rival < best.cost - 1 else explained
+    return _explain(second, recordings) if rival < best.cost - 1 else explained
 
 
-def _finer(explained: _Explained, recordings: Sequence[Recording]) -> _Explained:
-    """With steps half as long, where that explains more: commands that jump within a step, stiff springs, stops."""
-    best, temper = explained.best.fit, explained.search.temper
-    coarse = best.problem.simulator
-    if coarse.own or best.point.variant.pulses or coarseness(best, recordings) < DOUBTFUL * temper:
-        return explained
-    halved = Simulator(coarse.model, coarse.step / 2, tracked=coarse.tracked)
-    problem = _problem(halved, recordings, best.problem.noise)
+def _accurate(refitted: Fit, recordings: Sequence[Recording]) -> Fit:
+    """With steps so short that commands which jump within them do no harm."""
+    for _ in range(HALVED):
+        if coarseness(refitted, recordings) < DOUBTFUL:
+            break
+        refitted = _refit(_halved(refitted.problem.simulator), recordings, refitted.problem.noise)
+    return refitted
+
+
+def _finer(refitted: Fit, best: Fit, recordings: Sequence[Recording]) -> tuple[Fit, Fit] | None:
+    """Two fits with steps half as long, if the best explains more with them: stiff springs, stops, rotors."""
+    temper = misfit(best)
+    if coarseness(best, recordings) < DOUBTFUL * temper:
+        return None
+    problem = _problem(_halved(best.problem.simulator), recordings, best.problem.noise)
     fine = problem.minimise(replay(problem, best).point)
     if fine.cost > best.cost - DOUBTFUL * temper:
-        return explained
-    refitted = problem.minimise(replay(problem, explained.refitted).point, iterations=15)
-    return _explain(refitted, fine.effects)
+        return None
+    return problem.minimise(replay(problem, refitted).point, iterations=15), fine
+
+
+def _halved(simulator: Simulator) -> Simulator:
+    """With steps half as long."""
+    return Simulator(simulator.model, simulator.step / 2, tracked=simulator.tracked)
 
 
 def coarseness(fit: Fit, recordings: Sequence[Recording]) -> float:
@@ -291,14 +301,17 @@ def coarseness(fit: Fit, recordings: Sequence[Recording]) -> float:
     return 0.5 * float(np.sum(left**2)) * len(fit.problem.windows) / len(some)
 
 
-def _explain(refitted: Fit, effects: Sequence[Effect] = ()) -> _Explained:
+def _explain(refitted: Fit, recordings: Sequence[Recording], effects: Sequence[Effect] = ()) -> _Explained:
     """The best set of effects and pushes with one integrator, with some effects to start from.
 
-    Pushes only where neither effects nor a smooth force on the joints, which would come again in the same states, leave
-    only noise.
+    Where these need shorter steps, the search goes on with such. Pushes only where neither effects nor a smooth force
+    on the joints, which would come again in the same states, leave only noise.
     """
     search = Search(refitted.problem, EXCLUDED)
     best, smooth = search.run(refitted.point, effects), None
+    coarse = not refitted.problem.simulator.own and not effects
+    if coarse and best.fit.effects and (finer := _finer(refitted, best.fit, recordings)):
+        return _explain(finer[0], recordings, finer[1].effects)
     if significant(best.fit).max() > 0:
         smooth = fit_residual_force(refitted)
     if smooth and significant(smooth).max() > 0:
@@ -309,7 +322,7 @@ def _explain(refitted: Fit, effects: Sequence[Effect] = ()) -> _Explained:
             other = Search(refitted.problem, EXCLUDED, LARGEST - 1, refitted.cost - start.cost)
             found = _without_pulses(other.run(start.point))
             filler = found.fit.point.variant.pulses and significant(found.fit).max() > 0
-            if not filler and _paid(found) < _paid(best):
+            if not filler and _paid(found) < _paid(best) - search.least(best):
                 search, best = other, found
                 break
     return _Explained(search, refitted, search.soften(best), smooth)
@@ -366,5 +379,6 @@ class _Trial:
         return replay(self.windows, fit)
 
     def long(self, fit: Fit) -> Fit:
-        """On long rollouts."""
-        return replay(self.rollouts, fit, 12)
+        """On long rollouts, with the pulses of the windows: their times are found best there."""
+        pulses = self.short(fit).point.variant.pulses if fit.point.variant.pulses else ()
+        return replay(self.rollouts, fit, 12, pulses)

@@ -1,19 +1,24 @@
 """Fits tried on recordings that they have not seen."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_model.diagnosis.fit import Fit, Point, Problem
 from keycld_model.diagnosis.pulses import with_pulses
+from keycld_model.diagnosis.simulator import Pulse
 
 
-def replay(problem: Problem, fit: Fit, iterations: int = 8) -> Fit:
-    """The numbers of a fit on other recordings; only their starts, and pulses if it has any, are fitted."""
-    tried = problem.minimise(
-        Point(fit.point.variant.elsewhere(), *problem.windows.initial_states()), iterations, only_states=True
-    )
+def replay(problem: Problem, fit: Fit, iterations: int = 8, pulses: tuple[Pulse, ...] = ()) -> Fit:
+    """The numbers of a fit on other recordings; only their starts, and pulses if it has any, are fitted.
+
+    Where `pulses` of these recordings are given, they are taken as they are.
+    """
+    start = Point(replace(fit.point.variant.elsewhere(), pulses=pulses), *problem.windows.initial_states())
+    tried = problem.minimise(start, iterations, only_states=True)
     joints = sorted({pulse.dof for pulse in fit.point.variant.pulses})
-    return with_pulses(tried, joints, only_states=True) if joints else tried
+    return with_pulses(tried, joints, only_states=True) if joints and not pulses else tried
 
 
 def likelihood(fit: Fit) -> float:

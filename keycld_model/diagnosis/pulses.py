@@ -17,6 +17,8 @@ PRICE = 20.0
 """Nats that a pulse must gain: three numbers of its own, and its time and joint were searched for."""
 FURTHER = 60.0
 """Nats that pulses at a further joint must gain: short pulses at different joints look alike."""
+SPARSE = 0.7
+"""Share of windows that pushes may be in; where there are more, it is something else."""
 CONTINUED = 5.0
 """Nats that its continuation into the next window must gain."""
 ROUNDS, TIMING = 4, 6
@@ -56,7 +58,7 @@ def with_pulses(fit: Fit, joints: Sequence[int] | None = None, only_states: bool
     fit = problem.minimise(point, only_states=True)
     for _ in range(ROUNDS):
         new = _found(fit, list(joints))
-        if not new:
+        if not new or len({_window(problem.windows, p) for p in new}) > SPARSE * len(problem.windows):
             break
         pulses = (*fit.point.variant.pulses, *new)
         point = replace(fit.point, variant=replace(fit.point.variant, pulses=pulses))

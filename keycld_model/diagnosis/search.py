@@ -29,6 +29,8 @@ NOISE = 1.3
 MATERIAL = 0.002
 """Share of all that a set gains that each of its effects must gain. Named effects are idealised forms, of dry friction
 near standstill above all; what gains less may only mend the form of another."""
+BESIDE = 0.01
+"""The same beside pushes from outside: these are idealised, and their times are found to some share of a step."""
 LOOKED = 6.0
 """Nats that an effect must gain beyond the price of its numbers, for it was looked for among hundreds."""
 DOUBTFUL = 100.0
@@ -147,7 +149,7 @@ class Search:
         for _ in range(ROUNDS):
             better = self._simplified(self._pruned(min([best, *self._finalists(best)], key=_score)))
             better = self._refine(self._exchanged(better).fit.point, thoroughly=True)
-            if better.score > best.score - self._least(better):
+            if better.score > best.score - self.least(better):
                 break
             best = better
         return best
@@ -192,14 +194,15 @@ class Search:
 
     def _simplified(self, best: Scored) -> Scored:
         """With fewer numbers, or as many of fewer effects, if any set found on the way explains materially as much."""
-        least = self._least(best)
+        least = self.least(best)
         fewer = [s for s in self.found.values() if s.size < best.size and s.score < best.score + 10 * least]
         refined = [self._refine(s.fit.point) for s in sorted(fewer, key=_score)[:FINALISTS]]
         return min([best, *(s for s in refined if s.score < best.score + least)], key=lambda s: (s.size, s.score))
 
-    def _least(self, scored: Scored) -> float:
+    def least(self, scored: Scored) -> float:
         """Nats that one more effect must gain."""
-        return max(LOOKED, MATERIAL * (self._nothing - scored.score))
+        share = BESIDE if self.gained else MATERIAL
+        return max(LOOKED, share * (self._nothing - scored.score))
 
     def _finalists(self, scored: Scored, largest: int = 3) -> list[Scored]:
         """The most promising sets with one to three more effects."""
@@ -252,13 +255,13 @@ class Search:
         """Without effects that are not worth their numbers."""
         while True:
             doubtful = [
-                e for e in best.fit.effects if best.fit.worth(e) < self.temper * (DOUBTFUL + 10 * self._least(best))
+                e for e in best.fit.effects if best.fit.worth(e) < self.temper * (DOUBTFUL + 10 * self.least(best))
             ]
             fewer = [
                 self._refine(best.fit.point.with_effects(*(e for e in best.fit.effects if e is not effect)))
                 for effect in doubtful
             ]
-            if not fewer or (least := min(fewer, key=_score)).score > best.score + self._least(best):
+            if not fewer or (least := min(fewer, key=_score)).score > best.score + self.least(best):
                 break
             best = least
         return best
