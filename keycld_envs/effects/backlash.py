@@ -1,7 +1,10 @@
 """Play between a motor and its joint."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
+
+import numpy as np
 
 from keycld_envs.effects.base import Array, TransmissionEffect, functions, parameter
 
@@ -23,6 +26,12 @@ class Backlash(TransmissionEffect):
     def rotor(self) -> float:
         """Inertia j."""
         return self.j
+
+    @classmethod
+    def starts(cls, where: str, inertia: float) -> Iterator[Self]:
+        """Gaps of 2 to 50 mrad or mm and a rotor of 6 % of the inertia: how long it takes across is known best."""
+        for g in np.geomspace(0.002, 0.05, 9):
+            yield cls(where, j=0.06 * inertia, g=float(g))
 
     def coupling(self, twist: Array, slip: Array) -> Array:
         """Zero inside the gap, a stiff spring with damping at its flanks."""

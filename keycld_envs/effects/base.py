@@ -222,6 +222,11 @@ class TransmissionEffect(ActuatorEffect):
     def rotor(self) -> float:
         """Its inertia, kg m^2."""
 
+    @classmethod
+    @abstractmethod
+    def starts(cls, where: str, inertia: float) -> Iterator[Self]:
+        """At an actuator whose joint has an inertia: so different from each other that fits from all find the best."""
+
     def begin(self, model: mujoco.MjModel, v: Array) -> Array:
         """The rotor goes with its joint."""
         speed = v[..., self.dof(model)]

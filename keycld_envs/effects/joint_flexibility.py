@@ -1,7 +1,11 @@
 """A shaft that twists between a motor and its joint."""
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
+
+import numpy as np
 
 from keycld_envs.effects.base import Array, TransmissionEffect, parameter
 
@@ -21,6 +25,13 @@ class JointFlexibility(TransmissionEffect):
     def rotor(self) -> float:
         """Inertia j."""
         return self.j
+
+    @classmethod
+    def starts(cls, where: str, inertia: float) -> Iterator[Self]:
+        """Rotors of 4 and 12 % of the inertia, which swing against a fixed link with 20 to 150 rad/s."""
+        for share, speed in itertools.product((0.04, 0.12), (20.0, 40.0, 75.0, 150.0)):
+            j = share * inertia
+            yield cls(where, j=j, k=float(np.clip(j * speed**2, 0.5, 2000.0)))
 
     def coupling(self, twist: Array, slip: Array) -> Array:
         """Spring and damper."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
+from keycld_envs.effects.base import TransmissionEffect
 from keycld_model.diagnosis.fit import Fit, Point, Problem, knobs
 from keycld_model.diagnosis.hypotheses import hypotheses
 from keycld_model.diagnosis.screening import promising
@@ -139,6 +140,7 @@ class Search:
         self.temper = 1.0
         self._nothing = np.inf
         self._replaced: set[tuple[frozenset[tuple[str, str]], tuple[str, str]]] = set()
+        self._restarted: set[tuple[frozenset[tuple[str, str]], str]] = set()
 
     def run(self, start: Point, effects: Sequence[Effect] = ()) -> Scored:
         """The best set of effects, with some to start from; none if nothing is worth its numbers."""
@@ -191,6 +193,24 @@ class Search:
             slides = self.problem.simulator.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
             for other in kin(effect, (h.effect for h in self.hypotheses), slides.any()):
                 self._refine(best.fit.point.with_effects(*rest, other))
+            self._restart(best, rest, effect)
+
+    def _restart(self, best: Scored, rest: Sequence[Effect], effect: Effect) -> None:
+        """Look at transmissions in one's place from many starts; once.
+
+        How well they fit has many optima in their numbers.
+        """
+        place = frozenset(e.key for e in rest), effect.where
+        if not isinstance(effect, TransmissionEffect) or place in self._restarted:
+            return
+        self._restarted.add(place)
+        fit, model = self._sample(best.fit), self.problem.simulator.model
+        kinds = {type(h.effect) for h in self.hypotheses if isinstance(h.effect, TransmissionEffect)}
+        inertia = float(model.dof_M0[effect.dof(model)])
+        starts = [start for kind in sorted(kinds, key=lambda k: k.id) for start in kind.starts(effect.where, inertia)]
+        glances = [fit.problem.minimise(fit.point.with_effects(*rest, start), GLANCE) for start in starts]
+        for glance in sorted(glances, key=lambda g: g.cost)[:FINALISTS]:
+            self._refine(best.fit.point.with_effects(*glance.effects))
 
     def _simplified(self, best: Scored) -> Scored:
         """With fewer numbers, or as many of fewer effects, if any set found on the way explains materially as much."""
@@ -257,14 +277,19 @@ class Search:
             doubtful = [
                 e for e in best.fit.effects if best.fit.worth(e) < self.temper * (DOUBTFUL + 10 * self.least(best))
             ]
-            fewer = [
-                self._refine(best.fit.point.with_effects(*(e for e in best.fit.effects if e is not effect)))
-                for effect in doubtful
-            ]
+            fewer = [self._without(best, effect) for effect in doubtful]
             if not fewer or (least := min(fewer, key=_score)).score > best.score + self.least(best):
                 break
             best = least
         return best
+
+    def _without(self, best: Scored, effect: Effect) -> Scored:
+        """Without one of its effects; another may have had wrong numbers because of it."""
+        rest = [e for e in best.fit.effects if e is not effect]
+        without = self._refine(best.fit.point.with_effects(*rest))
+        for other in rest:
+            self._restart(best, [e for e in rest if e is not other], other)
+        return self.found[without.keys]
 
     def _promising(self, fit: Fit, largest: int) -> Iterator[tuple[Effect, ...]]:
         """Sets that promise most at a fit's linearisation: its own effects, and up to some more."""
