@@ -31,7 +31,8 @@ def score(out: Path, partial: bool = False) -> dict[str, Any]:
     """
     manifest = read_manifest(out)
     answers = _answers(out, manifest)
-    methods = [p.name.removeprefix("reports-").removeprefix("reports") or "diagnose" for p in out.glob("reports*")]
+    methods = ["diagnose"] if (out / "reports").is_dir() else []
+    methods += [p.name.removeprefix("reports-") for p in out.glob("reports-*")]
     if not methods:
         raise InputError(f"{out} has no reports; run `keycld blind run {out}` first.")
     methods.sort(key=lambda m: (m != "diagnose", m))
