@@ -14,6 +14,7 @@ from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.checks import check, check_apart
 from keycld_model.diagnosis.evidence import evidence
 from keycld_model.diagnosis.findings import (
+    calibrated,
     findings_of,
     headline_of,
     nuisance_of,
@@ -115,7 +116,7 @@ def diagnose(
     return Report(
         verdict=concluded.verdict,
         headline=headline_of(concluded.verdict, concluded.findings, errors, unexplained),
-        findings=concluded.findings,
+        findings=calibrated(concluded.findings, unexplained),
         nuisance=nuisance_of(concluded.fit),
         unexplained=unexplained,
         fit=errors,

@@ -47,6 +47,12 @@ DRY: dict[str, dict[str, float]] = {
     "load_dependent_friction": {"mu": 0.1},
 }
 """Dry friction, and its numbers for one of 1 N m or N; a bearing is thought to carry 10 N."""
+LATE: dict[str, dict[str, float]] = {
+    "actuator_delay": {"d": 1.0},
+    "actuator_lag": {"lag": 1.0},
+    "sensor_latency": {"d": 1.0},
+}
+"""What comes late, and its numbers for 1 s."""
 ROUNDS = 3
 """Times that the search starts again from the best set so far."""
 
@@ -95,27 +101,23 @@ class Scored:
 
 
 def kin(effect: Effect, others: Iterable[Effect], rails: bool) -> Iterator[Effect]:
-    """Other kinds of dry friction at the same joint, as strong on the whole.
+    """Effects that do nearly the same: other kinds of dry friction at the same joint, or what comes as late.
 
-    They differ near standstill, where responses are least linear, so that they are tried one by one. That of a load is
-    costly to simulate, and an alias of others only on rails.
+    They differ near standstill, where responses are least linear, or to second order in the time, so that they are
+    tried one by one. Friction of a load is costly to simulate, and an alias of others only on rails.
     """
-    size = _dry_friction(effect)
-    if size is None:
+    shares = DRY if effect.id in DRY else LATE
+    if effect.id not in shares:
         return
+    size = float(np.mean([getattr(effect, name) / share for name, share in shares[effect.id].items()]))
     tried = set()
     for other in others:
-        if other.where == effect.where and other.key != effect.key and other.key not in tried:
-            numbers = {name: share * size for name, share in DRY.get(other.id, {}).items()}
-            if numbers and (rails or other.id != "load_dependent_friction"):
+        near = other.where == effect.where or "sensor" in (other.kind, effect.kind)
+        if near and other.key != effect.key and other.key not in tried:
+            numbers = {name: share * size for name, share in shares.get(other.id, {}).items()}
+            if numbers and size > 0 and (rails or other.id != "load_dependent_friction"):
                 tried.add(other.key)
                 yield replace(other, **numbers)
-
-
-def _dry_friction(effect: Effect) -> float | None:
-    """Its size, N m or N; None if it is none."""
-    shares = DRY.get(effect.id)
-    return None if shares is None else float(np.mean([getattr(effect, name) / shares[name] for name in shares]))
 
 
 class Search:

@@ -4,7 +4,8 @@ import pytest
 
 from keycld_envs.effects import ActuatorDelay, Cogging, ExternalPeriodic, JointFlexibility, Spring, ViscousFriction
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.findings import _estimates
+from keycld_model.diagnosis.findings import RIGHT, _estimates, calibrated
+from keycld_model.diagnosis.report import Finding, Unexplained
 
 
 @pytest.mark.parametrize(
@@ -23,3 +24,22 @@ from keycld_model.diagnosis.findings import _estimates
 def test_units_are_those_of_the_joint(effect, units):
     estimates = _estimates(effect, iter([0.1] * 3), get_system("cartpole").compile())
     assert [e.unit for e in estimates.values()] == units
+
+
+def finding(effect: str) -> Finding:
+    return Finding(effect, "force", {"kind": "joint", "name": "hinge"}, {}, "", 0.9, [])
+
+
+@pytest.mark.parametrize(
+    "effects, left, confidence",
+    [
+        (["spring"], False, [0.9 * RIGHT["explained"]]),
+        (["external_pulse"], False, [0.9 * RIGHT["explained"]]),
+        (["spring", "cogging"], True, [0.9 * RIGHT["left"]] * 2),
+        (["spring", "unknown"], True, [0.9 * RIGHT["beside"], 0.9]),
+        (["unknown"], True, [0.9]),
+    ],
+)
+def test_confidence_counts_what_else_the_report_says(effects, left, confidence):
+    out = calibrated([finding(e) for e in effects], Unexplained(left, 0.1, "hinge", ""))
+    assert [f.confidence for f in out] == pytest.approx(confidence, abs=1e-4)

@@ -9,6 +9,9 @@ from scipy.stats import beta, binomtest
 
 from keycld_model.diagnosis.blind.match import Trial
 
+SURE = 0.8
+"""Confidence that counts as sure."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -84,6 +87,7 @@ def rows(trials: Sequence[Trial]) -> list[Row]:
         share("indistinguishable: returns the set", [t.among_rivals for t in alike], 0.95),
         _set_size(alike),
         _coverage([t for t in trials if t.clear and t.right]),
+        *_confidence(trials),
         _worse(trials),
         *_cost(trials),
         share("failed with an error", [t.result["failure"] is not None for t in trials]),
@@ -139,6 +143,28 @@ def _coverage(trials: Sequence[Trial]) -> Row:
                 if name in estimates and estimates[name].get("low") is not None
             ]
     return share("coverage of the 90 % intervals", inside, (0.88, 0.92), note="cases in which all is named and placed")
+
+
+def _confidence(trials: Sequence[Trial]) -> list[Row]:
+    """How often findings with a name are right, by what else the report says, and by their confidence."""
+    nameless = {"unknown", "external_pulse"}
+    of: dict[str, list[bool]] = {"only noise is left": [], "more is left": [], "beside pushes or unknown": []}
+    sure, unsure = [], []
+    for trial in trials:
+        findings = trial.report.get("findings", ())
+        beside = not nameless.isdisjoint(f["effect"] for f in findings)
+        left = trial.report.get("unexplained", {}).get("significant", False)
+        where = "beside pushes or unknown" if beside else "more is left" if left else "only noise is left"
+        for key, finding in zip(trial.said, findings, strict=True):
+            if finding["effect"] not in nameless:
+                of[where].append(key in trial.truth)
+                (sure if finding.get("confidence", 0.0) >= SURE else unsure).append(key in trial.truth)
+    rows = [share(f"named findings that are right: {where}", hits) for where, hits in of.items()]
+    return [
+        *rows,
+        share(f"named findings that are right: confidence of {SURE} and more", sure),
+        share("named findings that are right: less", unsure),
+    ]
 
 
 def _worse(trials: Sequence[Trial]) -> Row:
