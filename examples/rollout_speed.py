@@ -22,7 +22,7 @@ ROLLOUTS, STEPS = 1024, 40
 def seconds(by: Rollouts, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray, repeats: int) -> list[float]:
     """Of rollouts of all states, after one that does not count."""
     one = np.zeros(len(state), int)
-    batch = by.batch(Copies([model], [Pushing()], one, one), control.shape[1])
+    batch = by.batch(Copies([model], [Pushing()], one, one))
     whole = np.zeros((len(state), by.size))
     whole[:, by.motion] = state
     out = []

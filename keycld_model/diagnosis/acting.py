@@ -106,11 +106,6 @@ class Slots:
     slots: tuple[Slot, ...] = ()
     turning: tuple[bool, ...] | None = None
 
-    @property
-    def length(self) -> int:
-        """Numbers of all effects, K."""
-        return sum(len(slot.names) for slot in self.slots)
-
     @classmethod
     def of(cls, model: mujoco.MjModel, effects: Iterable[Effect]) -> "Slots":
         """What takes some effects; empty if there are none."""

@@ -28,7 +28,7 @@ from keycld_model.diagnosis.fit import Fit, Linearisation, Problem
 from keycld_model.diagnosis.held_out import likelihood, replay, rollout_error
 from keycld_model.diagnosis.next_experiment import next_experiment
 from keycld_model.diagnosis.noise import noise
-from keycld_model.diagnosis.prepare import SAMPLES, spacing, split, thin
+from keycld_model.diagnosis.prepare import SAMPLES, accurate_step, split, thin
 from keycld_model.diagnosis.pulses import concentrated, paid, pushed
 from keycld_model.diagnosis.report import Finding, FitErrors, Report, Unexplained, Verdict
 from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force, lengthened, residual_force_of
@@ -80,11 +80,10 @@ def diagnose(
     check_apart(recordings, held_out)
     training, test = (recordings, held_out) if held_out else split(recordings)
     training, test = [thin(r) for r in training], [thin(r) for r in test]
-    between = spacing(training)
-    fine = max(0.001, between / np.ceil(between / 0.0101))
     sigma = noise(training)
     with progress("Diagnosing", total=5) as advance:
-        accurate = _accurate(_refit(Simulator(model, fine, tracked=tracked), training, sigma), training)
+        simulator = Simulator(model, accurate_step(training), tracked=tracked)
+        accurate = _accurate(_refit(simulator, training, sigma), training)
         own = _refit(Simulator(model, tracked=tracked), training, sigma)
         advance(1, "searching")
         explained = _search(accurate, own, training)
@@ -262,25 +261,21 @@ def _accurate(refitted: Fit, recordings: Sequence[Recording]) -> Fit:
     for _ in range(HALVED):
         if coarseness(refitted, recordings) < DOUBTFUL:
             break
-        refitted = _refit(_halved(refitted.problem.simulator), recordings, refitted.problem.noise)
+        simulator = refitted.problem.simulator
+        refitted = _refit(simulator.with_step(simulator.step / 2), recordings, refitted.problem.noise)
     return refitted
 
 
 def _finer(refitted: Fit, best: Fit, recordings: Sequence[Recording]) -> tuple[Fit, Fit] | None:
     """Two fits with steps half as long, if the best explains more with them: stiff springs, stops, rotors."""
-    temper = misfit(best)
+    temper, simulator = misfit(best), best.problem.simulator
     if coarseness(best, recordings) < DOUBTFUL * temper:
         return None
-    problem = _problem(_halved(best.problem.simulator), recordings, best.problem.noise)
+    problem = _problem(simulator.with_step(simulator.step / 2), recordings, best.problem.noise)
     fine = problem.minimise(replay(problem, best).point)
     if fine.cost > best.cost - DOUBTFUL * temper:
         return None
     return problem.minimise(replay(problem, refitted).point, iterations=15), fine
-
-
-def _halved(simulator: Simulator) -> Simulator:
-    """With steps half as long."""
-    return Simulator(simulator.model, simulator.step / 2, tracked=simulator.tracked)
 
 
 def coarseness(fit: Fit, recordings: Sequence[Recording]) -> float:
@@ -289,13 +284,10 @@ def coarseness(fit: Fit, recordings: Sequence[Recording]) -> float:
     Both in MuJoCo: nothing is compiled for this.
     """
     some = np.unique(np.linspace(0, len(fit.problem.windows) - 1, FEW).round().astype(int))
-    part, point, step = fit.problem.take(some), fit.point.take(some), fit.problem.simulator.step
-    simulators = [
-        Simulator(fit.problem.simulator.model, h, compiled=False, tracked=fit.problem.simulator.tracked)
-        for h in (step, step / 2)
-    ]
-    coarse = replace(part, simulator=simulators[0])
-    fine = replace(part, simulator=simulators[1], windows=part.windows.halved(recordings))
+    part, point, simulator = fit.problem.take(some), fit.point.take(some), fit.problem.simulator
+    coarse, fine = (simulator.with_step(step, compiled=False) for step in (simulator.step, simulator.step / 2))
+    coarse = replace(part, simulator=coarse)
+    fine = replace(part, simulator=fine, windows=part.windows.halved(recordings))
     residual, states = coarse.roll([point.variant], point)
     change = Linearisation(fine.residual(point) - residual[0], states, residual[0][..., None])
     left = change.project(change.residual[..., None])

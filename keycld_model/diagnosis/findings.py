@@ -15,8 +15,8 @@ from keycld_model.diagnosis.pulses import joined
 from keycld_model.diagnosis.report import Estimate, Finding, FitErrors, Unexplained, Verdict
 from keycld_model.diagnosis.search import Scored, Search
 from keycld_model.diagnosis.shape import shape_of
+from keycld_model.diagnosis.smooth_force import ResidualForce
 
-UNKNOWN = "unknown"
 EXPLAINED, SURE = 0.15, 4.0
 """Above one, what the mean square of whitened residuals may be where only noise is left: the variance of the noise is
 known to some 5 %, and the mean square to so many standard deviations."""
@@ -175,10 +175,10 @@ def unknown_of(fit: Fit, share: float) -> Finding:
 
 def calibrated(findings: Sequence[Finding], left: Unexplained) -> list[Finding]:
     """With confidence that counts how often findings of such reports are right; an unknown force keeps its own."""
-    names = {f.effect for f in findings}
-    beside = len(names) > 1 and not names.isdisjoint({UNKNOWN, ExternalPulse.id})
+    names, unknown = {f.effect for f in findings}, ResidualForce.id
+    beside = len(names) > 1 and not names.isdisjoint({unknown, ExternalPulse.id})
     right = RIGHT["beside" if beside else "left" if left.significant else "explained"]
-    return [f if f.effect == UNKNOWN else replace(f, confidence=round(right * f.confidence, 4)) for f in findings]
+    return [f if f.effect == unknown else replace(f, confidence=round(right * f.confidence, 4)) for f in findings]
 
 
 def headline_of(verdict: Verdict, findings: list[Finding], errors: FitErrors, left: Unexplained) -> str:

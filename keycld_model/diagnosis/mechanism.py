@@ -161,7 +161,7 @@ class Mechanism:
         """Where positions and velocities are in it."""
         return slice(0, self.size)
 
-    def batch(self, copies: Copies, steps: int) -> "Batch":
+    def batch(self, copies: Copies) -> "Batch":
         """See `Rollouts`."""
         everything = [effect for some in copies.pushing for effect in some.effects]
         slots, windows = Slots.of(copies.models[0], everything), int(copies.window.max()) + 1

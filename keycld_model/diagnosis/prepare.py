@@ -12,6 +12,8 @@ SAMPLES = 40
 """Per window."""
 FASTEST = 0.009
 """Seconds between samples, at least; of faster recordings only some samples are used."""
+STEP = 0.0101
+"""Seconds per step of an accurate simulation, at most: 10 ms, and what clocks are off."""
 
 
 def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
@@ -33,6 +35,12 @@ def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Record
 def spacing(recordings: Sequence[Recording]) -> float:
     """Median time between samples, s."""
     return float(np.median(np.concatenate([np.diff(np.asarray(r.t_state)) for r in recordings])))
+
+
+def accurate_step(recordings: Sequence[Recording]) -> float:
+    """Of a simulation, s: the time between samples, or a part of it, so that it is no more than `STEP`."""
+    between = spacing(recordings)
+    return float(between / np.ceil(between / STEP))
 
 
 def thin(recording: Recording) -> Recording:

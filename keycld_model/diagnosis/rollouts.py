@@ -46,8 +46,8 @@ class Rollouts(Protocol):
         """Where positions and velocities are in it."""
         ...
 
-    def batch(self, copies: Copies, steps: int) -> Any:
-        """Ready to be run for so many steps at once."""
+    def batch(self, copies: Copies) -> Any:
+        """Ready to be run."""
         ...
 
     def run(self, batch: Any, state: Array, control: Array, time: Array) -> Array:
@@ -80,7 +80,7 @@ class MujocoRollouts:
         """See `Rollouts`."""
         return self._motion
 
-    def batch(self, copies: Copies, steps: int) -> Any:
+    def batch(self, copies: Copies) -> Any:
         """See `Rollouts`; without effects."""
         if any(some.effects for some in copies.pushing):
             raise ValueError("MuJoCo's rollouts know no effects; their forces must be set step by step.")

@@ -113,6 +113,10 @@ class Simulator:
         self._mujoco = MujocoRollouts(self.model, threads)
         self._fast = Mechanism.of(self.model) if compiled else None
 
+    def with_step(self, step: float, compiled: bool = True) -> "Simulator":
+        """The same with Runge-Kutta steps of so many seconds."""
+        return Simulator(self.model, step, compiled=compiled, tracked=self.tracked)
+
     def compile(self, variant: Variant) -> mujoco.MjModel:
         """The model of a variant, as far as MuJoCo has its effects itself."""
         return self._changed(copy.copy(self.model), variant)
@@ -239,10 +243,10 @@ class Simulator:
         clock = np.tile(windows.begun, p)
         if not by_hand:
             present = [some if i in which else Pushing() for i, some in enumerate(pushing)]
-            path = by.run(by.batch(Copies(models, present, of, window), s), state, control.reshape(p * w, s, -1), clock)
+            path = by.run(by.batch(Copies(models, present, of, window)), state, control.reshape(p * w, s, -1), clock)
             return path[..., by.motion].reshape(p, w, s, -1)
         out = np.empty((p, w, s, 2 * nv))
-        batch = by.batch(Copies(models, [Pushing()] * len(models), of, window), 1)
+        batch = by.batch(Copies(models, [Pushing()] * len(models), of, window))
         rows = {i: np.flatnonzero(which == i) for i in np.unique(which)}
         acting = [(i, effect) for i in rows for effect in pushing[i].effects]
         memories = [np.repeat(m[None], len(rows[i]), axis=0) for i in rows for m in pushing[i].memories]

@@ -145,10 +145,8 @@ def test_two_effects_at_once_and_the_masses_of_an_arm_of_ones_own(tmp_path):
 
 
 def test_steps_are_too_coarse_where_commands_jump_within_them():
-    runs, simulator = (
-        recordings("pendulum", 4, number=3, seconds=1.0),
-        Simulator(get_system("pendulum").compile(), 0.01),
-    )
+    runs = recordings("pendulum", 4, number=3, seconds=1.0)
+    simulator = Simulator(get_system("pendulum").compile(), 0.01)
     problem = Problem(simulator, cut(runs, 0.01, 40), np.full(1, 1e-5))
     start = problem.start()
     fits = [

@@ -122,8 +122,8 @@ def test_every_step_is_that_of_mujoco(name, integrator):
     full = np.zeros((number, slow.size))
     full[:, slow.motion] = state
     copies = Copies(models, [Pushing()] * len(models), of, np.zeros(number, int))
-    true = slow.run(slow.batch(copies, steps), full, control, np.zeros(number))[..., slow.motion]
-    path = mechanism.run(mechanism.batch(copies, steps), state, control, np.zeros(number))
+    true = slow.run(slow.batch(copies), full, control, np.zeros(number))[..., slow.motion]
+    path = mechanism.run(mechanism.batch(copies), state, control, np.zeros(number))
     free = of < 2
     assert path[free] == pytest.approx(true[free], abs=1e-9)
     assert np.max(np.abs(path[~free] - true[~free])) < 1e-6

@@ -159,9 +159,8 @@ def _confidence(trials: Sequence[Trial]) -> list[Row]:
             if finding["effect"] not in nameless:
                 of[where].append(key in trial.truth)
                 (sure if finding.get("confidence", 0.0) >= SURE else unsure).append(key in trial.truth)
-    rows = [share(f"named findings that are right: {where}", hits) for where, hits in of.items()]
     return [
-        *rows,
+        *(share(f"named findings that are right: {where}", hits) for where, hits in of.items()),
         share(f"named findings that are right: confidence of {SURE} and more", sure),
         share("named findings that are right: less", unsure),
     ]

@@ -15,14 +15,12 @@ from keycld_model.diagnosis.checks import check, check_apart
 from keycld_model.diagnosis.diagnose import HORIZON, WINDOWS
 from keycld_model.diagnosis.fit import Fit, Point, Problem
 from keycld_model.diagnosis.noise import noise
-from keycld_model.diagnosis.prepare import SAMPLES, spacing, thin
+from keycld_model.diagnosis.prepare import SAMPLES, accurate_step, spacing, thin
 from keycld_model.diagnosis.simulator import Simulator, Variant
 from keycld_model.diagnosis.windows import cut
 
 EXPLAINED = 1.3
 """Mean square of whitened residuals up to which a baseline takes what is left for noise."""
-STEP = 0.0101
-"""Greatest step of the simulator, s."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ class Setup:
     @cached_property
     def simulator(self) -> Simulator:
         """With steps of which samples are a whole number apart."""
-        return Simulator(self.model, self.spacing / np.ceil(self.spacing / STEP), threads=1)
+        return Simulator(self.model, accurate_step(self.training), threads=1)
 
     @cached_property
     def sigma(self) -> NDArray[np.float64]:
