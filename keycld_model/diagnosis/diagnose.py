@@ -25,7 +25,7 @@ from keycld_model.diagnosis.findings import (
     unknown_of,
 )
 from keycld_model.diagnosis.fit import Fit, Linearisation, Problem
-from keycld_model.diagnosis.held_out import likelihood, replay, rollout_error
+from keycld_model.diagnosis.held_out import error_unit, likelihood, replay, rollout_error
 from keycld_model.diagnosis.next_experiment import next_experiment
 from keycld_model.diagnosis.noise import noise
 from keycld_model.diagnosis.prepare import SAMPLES, accurate_step, split, thin
@@ -107,7 +107,7 @@ def diagnose(
         proposed = next_experiment(explained.best.fit, doubts, training, trial.samples) if doubts else None
         errors = FitErrors(
             f"root mean square of rollouts over {trial.seconds:.2g} s with fitted initial states",
-            "mrad or mm",
+            error_unit(model),
             *(round(1e3 * rollout_error(fit), 4) for fit in limits),
         )
         advance(1)

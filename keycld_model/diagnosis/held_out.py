@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,6 +35,12 @@ def _residual(fit: Fit) -> NDArray[np.float64]:
 def rollout_error(fit: Fit) -> float:
     """Root mean square, rad or m."""
     return float(np.sqrt(np.mean((_residual(fit) * fit.problem.noise) ** 2)))
+
+
+def error_unit(model: mujoco.MjModel) -> str:
+    """Of a thousandth of it."""
+    hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+    return "mrad" if hinges.all() else "mrad or mm" if hinges.any() else "mm"
 
 
 def mean_square(fit: Fit) -> NDArray[np.float64]:

@@ -23,6 +23,10 @@ CAMERA: dict[Literal["squash", "skew", "shutter"], float] = {
 }
 """Its errors, and their standard deviations."""
 
+HINGE = {"zero": "rad", "squash": "rad", "skew": "rad", "shutter": "s"}
+SLIDE = {"zero": "m", "squash": "1", "skew": "1/m", "shutter": "s/m"}
+"""Units of what is added to a position."""
+
 
 @dataclass(frozen=True)
 class Nuisance:
@@ -34,22 +38,19 @@ class Nuisance:
             errors of a camera, see `seen`.
         index: body, or joint.
         spread: standard deviation expected of it.
+        unit: of what is reported.
     """
 
     name: str
     kind: Literal["mass", "length", "zero", "squash", "skew", "shutter"]
     index: int
     spread: float
+    unit: str = "of the simulator's"
 
     @property
     def factor(self) -> bool:
         """It is the logarithm of a factor of the simulator's own number."""
         return self.kind in ("mass", "length")
-
-    @property
-    def unit(self) -> str:
-        """Of what is reported."""
-        return "of the simulator's" if self.factor else "s" if self.kind == "shutter" else "rad or m"
 
     @property
     def scale(self) -> float:
@@ -64,14 +65,17 @@ def nuisances(model: mujoco.MjModel, tracked: bool = False) -> tuple[Nuisance, .
     """
     bodies = [b for b in range(1, model.nbody) if model.body_dofnum[b]]
     turning = [b for b in bodies if (model.jnt_type[model.body_jntadr[b]] == mujoco.mjtJoint.mjJNT_HINGE)]
-    joints = range(model.njnt)
+    units = [HINGE if kind == mujoco.mjtJoint.mjJNT_HINGE else SLIDE for kind in model.jnt_type]
     return (
         *(Nuisance(f"mass of {model.body(b).name}", "mass", b, MASS_SPREAD) for b in bodies),
         *(Nuisance(f"length of {model.body(b).name}", "length", b, LENGTH_SPREAD) for b in turning),
-        *(Nuisance(f"zero of {model.joint(j).name}", "zero", j, ZERO_SPREAD) for j in joints),
         *(
-            Nuisance(f"{kind} of {model.joint(j).name}", kind, j, spread)
-            for j in (joints if tracked else ())
+            Nuisance(f"zero of {model.joint(j).name}", "zero", j, ZERO_SPREAD, unit["zero"])
+            for j, unit in enumerate(units)
+        ),
+        *(
+            Nuisance(f"{kind} of {model.joint(j).name}", kind, j, spread, units[j][kind])
+            for j in (range(model.njnt) if tracked else ())
             for kind, spread in CAMERA.items()
         ),
     )

@@ -28,5 +28,5 @@ def test_errors_of_a_camera_are_no_missing_physics():
     assert report.verdict == "no_mismatch"
     errors = {name: report.nuisance[f"{name} of hinge"] for name in ("squash", "skew", "shutter")}
     assert [e.value for e in errors.values()] == pytest.approx([0.03, -0.02, 0.008], abs=0.003)
-    assert [e.unit for e in errors.values()] == ["rad or m", "rad or m", "s"]
+    assert [e.unit for e in errors.values()] == ["rad", "rad", "s"]
     assert diagnose(runs, model).verdict != "no_mismatch"

@@ -18,7 +18,7 @@ from keycld_model.diagnosis.evidence import Evidence
 from keycld_model.diagnosis.page.drawing import draw
 from keycld_model.diagnosis.page.labels import Mark
 from keycld_model.diagnosis.page.plots import plot_data
-from keycld_model.diagnosis.page.sections import code, error_bars, error_unit, findings, following, nuisances
+from keycld_model.diagnosis.page.sections import code, error_bars, findings, following, nuisances
 from keycld_model.diagnosis.report import Report
 from keycld_model.diagnosis.words import effect_name, headline, measured
 
@@ -51,7 +51,7 @@ def html_page(report: Report, environment: str | None = None, corrected: str | N
         report.verdict,
         report.findings,
         report.fit,
-        error_unit(model),
+        report.fit.unit,
         report.unexplained.message if report.unexplained.significant else "",
     )
     left = report.unexplained

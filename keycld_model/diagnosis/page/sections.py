@@ -16,12 +16,6 @@ from keycld_model.diagnosis.report import Estimate, Finding, Report
 from keycld_model.diagnosis.words import call, effect_name, error, experiment, measured, place, rival, spelled_out
 
 
-def error_unit(model: mujoco.MjModel) -> str:
-    """Of rollout errors."""
-    hinges = [bool(kind == HINGE) for kind in model.jnt_type]
-    return "mrad" if all(hinges) else "mm" if not any(hinges) else "mrad or mm"
-
-
 def error_bars(report: Report, evidence: Evidence) -> str:
     """Held-out errors as bars, with the sensor's noise as the floor."""
     fit, floor = report.fit, 1e3 * float(np.sqrt(np.mean(evidence.noise**2)))
@@ -46,7 +40,7 @@ def error_bars(report: Report, evidence: Evidence) -> str:
         f'<div class="bar"><span class="what">sensor noise</span><span class="track"><span class="fill noise" '
         f'style="width:{100 * floor / largest:.2f}%"></span></span><span class="much">{error(floor)}</span></div>'
     )
-    caption = f"{report.fit.metric[:1].upper()}{report.fit.metric[1:]}, {error_unit(evidence.nominal)}."
+    caption = f"{report.fit.metric[:1].upper()}{report.fit.metric[1:]}, {report.fit.unit}."
     return f'{"".join(out)}<p class="caption">{escape(caption)}</p>'
 
 
@@ -145,7 +139,7 @@ def nuisances(report: Report, model: mujoco.MjModel) -> str:
             text = f"{measured(shown)} {'mrad' if kinds.get(of, True) else 'mm'}"
             middle, spread = estimate.value / 0.05, (estimate.high - estimate.low) / 0.1
         elif kind in CAMERA:
-            text, middle = f"{measured(estimate)} {estimate.unit}", estimate.value / 0.05
+            text, middle = measured(estimate), estimate.value / 0.05
             spread = (estimate.high - estimate.low) / 0.1
         else:
             percent = Estimate(100 * (estimate.value - 1), "%", 100 * (estimate.low - 1), 100 * (estimate.high - 1))
