@@ -155,6 +155,20 @@ def test_a_run_records_failures_resumes_and_never_reads_answers(made, tmp_path, 
         run(tmp_path / "nowhere")
 
 
+def test_a_ray_cluster_makes_the_same_cases_and_runs_them(made, tmp_path, capsys):
+    ray = pytest.importorskip("ray")
+    out = str(tmp_path / "spread")
+    try:
+        assert main(["blind", "make", out, "--cases", str(CASES), "--seed", str(SEED), "--ray", "local"]) == 0
+        assert contents(Path(out)) == contents(made)
+        capsys.readouterr()
+        assert main(["blind", "run", out, "--method", "refit", "--ray", "local", "--json"]) == 0
+    finally:
+        ray.shutdown()
+    told = json.loads(capsys.readouterr().out)
+    assert told["run"] == CASES and told["failed"] == []
+
+
 def answer(case, category, truth=(), system="acrobot", **more):
     truth = [
         {
