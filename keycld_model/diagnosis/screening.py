@@ -109,7 +109,7 @@ class _Screening:
     def evaluate(self, sets: NDArray[np.int64]) -> tuple[Array, Array]:
         """Nats gained by sets `[n, size]` with their numbers paid for, and coefficients `[n, size, K]`."""
         n, size = sets.shape
-        at = self.members[sets].reshape(n, -1)
+        at = self.members[sets].reshape(n, size * self.members.shape[1])
         empty = at == len(self.vector) - 1
         off = empty[:, :, None] | empty[:, None, :]
         matrix = np.where(off, np.eye(at.shape[1]), self.matrix[at[:, :, None], at[:, None, :]])
@@ -118,7 +118,7 @@ class _Screening:
         vector = np.where(empty, 0.0, self.vector[at])
         coefficients = np.linalg.solve(regular, (vector / scale)[..., None])[..., 0] / scale
         worth = 0.5 * np.einsum("ni,ni->n", vector, coefficients) - self.price[sets].sum(axis=1)
-        coefficients = coefficients.reshape(n, size, -1)
+        coefficients = coefficients.reshape(n, size, self.members.shape[1])
         nothing = (~empty & (scale < LEFT * np.sqrt(np.maximum(self.own[at], 1e-12)))).any(axis=1)
         barred = ((coefficients < self.least[sets]) | (coefficients > self.most[sets])).any(axis=(1, 2))
         place = np.sort(self.place[sets], axis=1)

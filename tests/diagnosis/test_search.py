@@ -38,3 +38,19 @@ def test_play_is_found_from_numbers_far_off():
     assert isinstance(found, Backlash)
     assert np.isclose(found.j * found.g, truth.j * truth.g, rtol=0.2)
     assert best.fit.cost < problem.minimise(far, 40).cost - 100
+
+
+def test_beside_strong_pushes_an_effect_must_gain_its_share_of_all():
+    def friction(_t, _q, v, _u):
+        return np.array([-0.02 * np.tanh(v[0] / 0.01)])
+
+    runs = recordings("pendulum", 2, friction, number=4, seconds=2.0)
+    simulator = Simulator(KeyCLDEnv("pendulum", obs_type="state").model)
+    problem = Problem(simulator, cut(runs, simulator.step, 40), np.full(1, 1e-3))
+    start = problem.minimise(problem.start())
+    others = {kind.id for kind in EFFECTS.values()} - {"coulomb_friction"}
+    alone = Search(problem, others).run(start.point)
+    assert {effect.id for effect in alone.fit.effects} == {"coulomb_friction"}
+    gain = start.cost - alone.fit.cost
+    assert Search(problem, others, gained=20 * gain).run(start.point).keys == alone.keys
+    assert not Search(problem, others, gained=200 * gain).run(start.point).keys
