@@ -22,16 +22,10 @@ from keycld_model import WorldModel
 from keycld_model.config import ModelConfig
 from keycld_model.evaluation import evaluate
 from keycld_model.training import PRESETS, Preset, TrainingError, train
-from keycld_model.training.fit import FitTrajectories, FitWindows
-from keycld_model.training.joint import Joint
+from keycld_model.training.presets import by_gradient_descent, with_networks
 from keycld_model.training.stage import Stage
 
 DEFAULT = PRESETS["default"]
-
-
-def networks(**changes: Any) -> Preset:
-    """Other networks."""
-    return replace(DEFAULT, networks=replace(DEFAULT.networks, **changes))
 
 
 def stages(change: Callable[[Stage], Stage]) -> Preset:
@@ -39,31 +33,17 @@ def stages(change: Callable[[Stage], Stage]) -> Preset:
     return replace(DEFAULT, stages=tuple(change(stage) for stage in DEFAULT.stages))
 
 
-def gradient_descent(stage: Stage) -> Stage:
-    """Trajectories fitted by Adam alone."""
-    if isinstance(stage, FitTrajectories):
-        return replace(stage, identify=0, steps=max(stage.steps, 500))
-    return stage
-
-
-def nonlinear(preset: Preset) -> Preset:
-    """V and g without linear terms, which Gauss-Newton needs."""
-    by_descent = tuple(gradient_descent(s) for s in preset.stages)
-    windows = tuple(replace(s, linear=False) if isinstance(s, FitWindows) else s for s in by_descent)
-    return replace(preset, networks=replace(preset.networks, linear=False), stages=windows)
-
-
 VARIANTS: dict[str, Preset] = {
     "default": DEFAULT,
-    "gaussians of .1 alone, no rods": networks(gaussian_widths=(0.1,), segment_widths=()),
-    "no background": networks(background=False),
-    "no saliency": networks(saliency=0.0),
+    "gaussians of .1 alone, no rods": with_networks(DEFAULT, gaussian_widths=(0.1,), segment_widths=()),
+    "no background": with_networks(DEFAULT, background=False),
+    "no saliency": with_networks(DEFAULT, saliency=0.0),
     "paper's optimiser, Adam 3e-4": stages(lambda s: replace(s, learning_rate=3e-4, one_cycle=False, clip=None)),
-    "no Gauss-Newton": stages(gradient_descent),
-    "V, g without linear terms": nonlinear(DEFAULT),
-    "paper's loss and optimiser": replace(DEFAULT, stages=(Joint(steps=6000, batch=1, learning_rate=3e-4),)),
-    "32 channels, 8 groups": networks(width=32, groups=8),
-    "64 x 64 images": networks(folding=1),
+    "no Gauss-Newton": by_gradient_descent(DEFAULT),
+    "V, g without linear terms": with_networks(DEFAULT, linear=False),
+    "paper's loss and optimiser": PRESETS["joint"],
+    "32 channels, 8 groups": with_networks(DEFAULT, width=32, groups=8),
+    "64 x 64 images": with_networks(DEFAULT, folding=1),
 }
 
 

@@ -2,10 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from typing import Any, Literal, get_args
 
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
+
+Motion = Literal["constrained", "unconstrained", "acceleration"]
+Images = Literal["convolutional", "fully_connected"]
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,9 @@ class NetworkConfig:
         kernel_scale: standard deviation of their initial weights; None scales with the layer's width.
         linear: V(x) and g(x) have a linear term beside the network. Gravity is linear in the positions of point
             masses, torques on rods and forces on sliders are too; the network has only the rest to explain.
+        motion: what moves the keypoints: a Lagrangian under the constraints, one without them (the paper's KeyCLD-NC),
+            or a network for the acceleration (NODE2).
+        images: estimator and renderer: hourglasses, or with fully connected layers in the middle (the paper's FC).
     """
 
     width: int = 16
@@ -40,6 +46,23 @@ class NetworkConfig:
     force_scale: float = 10.0
     kernel_scale: float | None = None
     linear: bool = True
+    motion: Motion = "constrained"
+    images: Images = "convolutional"
+
+    def __post_init__(self) -> None:
+        for name, choices in (("motion", get_args(Motion)), ("images", get_args(Images))):
+            if getattr(self, name) not in choices:
+                raise InputError(f"{name} is {getattr(self, name)!r}; it must be one of {', '.join(choices)}.")
+
+    @property
+    def identifiable(self) -> bool:
+        """Few numbers describe the motion, so that second-order steps find them."""
+        return self.linear and self.motion == "constrained"
+
+    @property
+    def halvings(self) -> int:
+        """Times that the networks halve an image."""
+        return 2 if self.images == "convolutional" else 4
 
 
 PAPER_NETWORKS = NetworkConfig(
@@ -65,7 +88,7 @@ class ModelConfig:
     Attributes:
         mechanism: keypoints, rods and sliders.
         timestep: seconds between frames.
-        image_shape: (H, W), pixels, multiples of 4 times the folding.
+        image_shape: (H, W), pixels, multiples of 4 times the folding, or 16 times if fully connected.
         system: environment id, or None for a system without one.
         networks: sizes of the networks.
     """
@@ -77,7 +100,7 @@ class ModelConfig:
     networks: NetworkConfig = NetworkConfig()
 
     def __post_init__(self) -> None:
-        multiple = 4 * self.networks.folding
+        multiple = 2**self.networks.halvings * self.networks.folding
         if any(size < multiple or size % multiple for size in self.image_shape):
             raise InputError(
                 f"Frames of {self.image_shape[1]}x{self.image_shape[0]} pixels do not fit the networks; width and "

@@ -12,9 +12,13 @@ import jax.numpy as jnp
 from flax import nnx
 from jax import Array
 
-from keycld_model.config import ModelConfig
+from keycld_envs.errors import InputError
+from keycld_envs.mechanism import Mechanism
+from keycld_model.acceleration_network import AccelerationNetwork
+from keycld_model.config import ModelConfig, NetworkConfig
 from keycld_model.dynamics import Dynamics
-from keycld_model.nets import KeypointEstimator, Renderer
+from keycld_model.lagrangian import Lagrangian
+from keycld_model.nets import FullyConnectedEstimator, FullyConnectedRenderer, KeypointEstimator, Renderer
 
 Parameters = dict[str, Any]
 """{"estimator": …, "renderer": …, "dynamics": …}, nested dictionaries of arrays."""
@@ -31,27 +35,10 @@ class Parts:
         self.config = config
 
     def _build(self, seed: int) -> dict[str, nnx.Module]:
-        net, mechanism = self.config.networks, self.config.mechanism
-        k, rngs = mechanism.num_keypoints, nnx.Rngs(seed)
-        return {
-            "estimator": KeypointEstimator(
-                k, self.config.image_shape, net.width, net.groups, net.folding, net.saliency, rngs
-            ),
-            "renderer": Renderer(
-                k,
-                tuple((rod.start, rod.end) for rod in mechanism.rods) if net.segment_widths else (),
-                self.config.image_shape,
-                net.width,
-                net.groups,
-                net.folding,
-                net.width - k if net.constants is None else net.constants,
-                net.gaussian_widths,
-                net.segment_widths,
-                net.background,
-                rngs,
-            ),
-            "dynamics": Dynamics(mechanism, net.hidden, net.force_scale, net.kernel_scale, net.linear, rngs),
-        }
+        net, mechanism, rngs = self.config.networks, self.config.mechanism, nnx.Rngs(seed)
+        image_networks = _hourglasses if net.images == "convolutional" else _fully_connected
+        estimator, renderer = image_networks(mechanism, self.config.image_shape, net, rngs)
+        return {"estimator": estimator, "renderer": renderer, "dynamics": _dynamics(mechanism, net, rngs)}
 
     @cached_property
     def _graphs(self) -> dict[str, nnx.GraphDef[Any]]:
@@ -73,6 +60,20 @@ class Parts:
         """The dynamics with these parameters."""
         return self._module("dynamics", parameters)
 
+    def lagrangian(self, parameters: Parameters) -> Lagrangian:
+        """The same, where masses, V and g are asked for.
+
+        Raises:
+            InputError: if the model has none.
+        """
+        dynamics = self.dynamics(parameters)
+        if not isinstance(dynamics, Lagrangian):
+            raise InputError(
+                "This model has a network for the acceleration, so no masses, V or g; train one with "
+                'motion="constrained".'
+            )
+        return dynamics
+
     def keypoints(self, parameters: Parameters, images: Array) -> Array:
         """Keypoints `[B, n]` of images `[B, H, W, 3]`, uint8 or float in 0 to 1."""
         keypoints = self._module("estimator", parameters)(as_float(images))
@@ -82,6 +83,44 @@ class Parts:
         """Images `[B, H, W, 3]` of positions `[B, n]`."""
         pivot = parameters["dynamics"]["pivot"]
         return self._module("renderer", parameters)(x.reshape(x.shape[0], -1, 2), pivot)
+
+
+def _hourglasses(
+    mechanism: Mechanism, shape: tuple[int, int], net: NetworkConfig, rngs: nnx.Rngs
+) -> tuple[nnx.Module, nnx.Module]:
+    k = mechanism.num_keypoints
+    segments = tuple((rod.start, rod.end) for rod in mechanism.rods) if net.segment_widths else ()
+    constants = net.width - k if net.constants is None else net.constants
+    return KeypointEstimator(k, shape, net.width, net.groups, net.folding, net.saliency, rngs), Renderer(
+        k,
+        segments,
+        shape,
+        net.width,
+        net.groups,
+        net.folding,
+        constants,
+        net.gaussian_widths,
+        net.segment_widths,
+        net.background,
+        rngs,
+    )
+
+
+def _fully_connected(
+    mechanism: Mechanism, shape: tuple[int, int], net: NetworkConfig, rngs: nnx.Rngs
+) -> tuple[nnx.Module, nnx.Module]:
+    k, width, groups, folding = mechanism.num_keypoints, net.width, net.groups, net.folding
+    return (
+        FullyConnectedEstimator(k, shape, width, groups, folding, net.saliency > 0, rngs),
+        FullyConnectedRenderer(k, shape, width, groups, folding, net.background, rngs),
+    )
+
+
+def _dynamics(mechanism: Mechanism, net: NetworkConfig, rngs: nnx.Rngs) -> Dynamics:
+    if net.motion == "acceleration":
+        return AccelerationNetwork(mechanism, net.hidden, net.force_scale, net.kernel_scale, rngs)
+    constrained = net.motion == "constrained"
+    return Lagrangian(mechanism, net.hidden, net.force_scale, net.kernel_scale, net.linear, rngs, constrained)
 
 
 def _arrays(modules: dict[str, nnx.Module]) -> Parameters:

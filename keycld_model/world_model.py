@@ -127,7 +127,7 @@ class WorldModel:
     @cached_property
     def masses(self) -> Floats:
         """[K] point masses, fractions of the total."""
-        return np.asarray(self.parts.dynamics(self.parameters).masses)
+        return np.asarray(self.parts.lagrangian(self.parameters).masses)
 
     @cached_property
     def level(self) -> Floats:
@@ -152,11 +152,11 @@ class WorldModel:
 
     def potential_energy_fn(self, x: Array) -> Array:
         """V (scalar) of positions `[n]`. JAX-traceable."""
-        return self.parts.dynamics(self.parameters).potential_energy(x)
+        return self.parts.lagrangian(self.parameters).potential_energy(x)
 
     def input_matrix_fn(self, x: Array) -> Array:
         """g `[n, m]` of positions `[n]`. JAX-traceable."""
-        return self.parts.dynamics(self.parameters).input_matrix(x)
+        return self.parts.lagrangian(self.parameters).input_matrix(x)
 
     def render_fn(self, x: Array) -> Array:
         """Image `[H, W, 3]` in 0 to 1 of positions `[n]`. JAX-traceable."""
@@ -282,10 +282,10 @@ class WorldModel:
     @cached_property
     def _batched(self) -> dict[str, Callable[[Parameters, ArrayLike], Array]]:
         """Compiled functions of positions `[B, n]`."""
-        of = self.parts.dynamics
+        of, lagrangian = self.parts.dynamics, self.parts.lagrangian
         functions = {
-            "potential_energy": lambda p, x: jax.vmap(of(p).potential_energy)(x),
-            "input_matrix": lambda p, x: jax.vmap(of(p).input_matrix)(x),
+            "potential_energy": lambda p, x: jax.vmap(lagrangian(p).potential_energy)(x),
+            "input_matrix": lambda p, x: jax.vmap(lagrangian(p).input_matrix)(x),
             "constraint": lambda p, x: jax.vmap(of(p).constraint)(x) - p["dynamics"]["level"],
             "render": self.parts.render,
         }

@@ -1,7 +1,8 @@
 """Networks: images to keypoints, keypoints to images, positions to scalars and matrices. They know no physics."""
 
 from keycld_model.nets.estimator import KeypointEstimator
+from keycld_model.nets.fully_connected import FullyConnectedEstimator, FullyConnectedRenderer
 from keycld_model.nets.mlp import MLP
 from keycld_model.nets.renderer import Renderer
 
-__all__ = ["MLP", "KeypointEstimator", "Renderer"]
+__all__ = ["MLP", "FullyConnectedEstimator", "FullyConnectedRenderer", "KeypointEstimator", "Renderer"]

@@ -40,7 +40,7 @@ class _Fit(Stage):
         dynamics = dict(variables["dynamics"])
         if not self.learn_pivot:
             dynamics["pivot"] = jax.lax.stop_gradient(dynamics["pivot"])
-        if self.linear and parts.config.networks.linear:
+        if self.linear and parts.config.networks.identifiable:
             for name in ("potential", "input"):
                 net = dynamics[name]
                 dynamics[name] = {k: net[k] if k == "linear" else jax.lax.stop_gradient(net[k]) for k in net}
@@ -141,7 +141,7 @@ class FitTrajectories(_Fit):
         start = None if self.restart else variables["trajectories"]
         fitted = fit_states(parts, variables, keypoints[:, :first], data.actions[:, : first - 1], start)
         variables = {**variables, "trajectories": fitted}
-        if not (self.identify and parts.config.networks.linear):
+        if not (self.identify and parts.config.networks.identifiable):
             return variables
         frames = self.frames(data)
         actions = data.actions[:, : frames - 1]

@@ -261,7 +261,7 @@ class _Problem:
     ) -> tuple[Array, tuple[Array, Array]]:
         """Rollout minus keypoints `[T, n]` where they were seen, and the initial state after moving it by z."""
         variables = self.variables(theta)
-        model = self.parts.dynamics(variables)
+        model = self.parts.lagrangian(variables)
         basis, dof = model.tangent_space(x), self.mechanism.degrees_of_freedom
         state = model.project(x + basis @ z[:dof], v + basis @ z[dof:])
         positions, _ = model.rollout(*state, actions, self.parts.config.timestep)

@@ -1,6 +1,7 @@
 """Named recipes: networks and stages."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from keycld_model.config import PAPER_NETWORKS, NetworkConfig
 from keycld_model.training.discover import Discover
@@ -8,6 +9,9 @@ from keycld_model.training.distil import Distil
 from keycld_model.training.fit import FitTrajectories, FitWindows
 from keycld_model.training.joint import Joint
 from keycld_model.training.stage import Stage
+
+DESCENT = 500
+"""Steps of the optimiser that stand for second-order ones."""
 
 
 @dataclass(frozen=True)
@@ -30,21 +34,49 @@ class Preset:
         return sum(stage.steps for stage in self.stages)
 
 
-PRESETS: dict[str, Preset] = {
-    "default": Preset(
-        NetworkConfig(),
-        (
-            Discover(steps=700, batch=8, learning_rate=4e-3),
-            FitWindows(steps=500, batch=64, learning_rate=1e-2, window=6, linear=True),
-            FitTrajectories(portion=0.25, restart=True, identify=10),
-            FitTrajectories(portion=0.5, identify=10, sparse=True),
-            FitTrajectories(steps=200, identify=10, sparse=True),
-            Distil(steps=1000, batch=8, learning_rate=4e-3),
-            FitTrajectories(identify=10, sparse=True),
-            Distil(steps=3500, batch=8, learning_rate=4e-3),
-            FitTrajectories(steps=200, learning_rate=5e-4, slide=False, identify=10, sparse=True),
-        ),
+DEFAULT = Preset(
+    NetworkConfig(),
+    (
+        Discover(steps=700, batch=8, learning_rate=4e-3),
+        FitWindows(steps=500, batch=64, learning_rate=1e-2, window=6, linear=True),
+        FitTrajectories(portion=0.25, restart=True, identify=10),
+        FitTrajectories(portion=0.5, identify=10, sparse=True),
+        FitTrajectories(steps=200, identify=10, sparse=True),
+        Distil(steps=1000, batch=8, learning_rate=4e-3),
+        FitTrajectories(identify=10, sparse=True),
+        Distil(steps=3500, batch=8, learning_rate=4e-3),
+        FitTrajectories(steps=200, learning_rate=5e-4, slide=False, identify=10, sparse=True),
     ),
+)
+
+
+def with_networks(preset: Preset, **changes: Any) -> Preset:
+    """The same recipe for other networks; where few numbers no longer describe the motion, gradient descent fits it."""
+    changed = replace(preset, networks=replace(preset.networks, **changes))
+    return changed if changed.networks.identifiable else by_gradient_descent(changed)
+
+
+def by_gradient_descent(preset: Preset) -> Preset:
+    """The same recipe without second-order steps: at least `DESCENT` steps of the optimiser in their place."""
+
+    def change(stage: Stage) -> Stage:
+        if isinstance(stage, FitTrajectories):
+            return replace(stage, identify=0, steps=max(stage.steps, DESCENT))
+        return stage
+
+    return replace(preset, stages=tuple(map(change, preset.stages)))
+
+
+PRESETS: dict[str, Preset] = {
+    "default": DEFAULT,
+    "nc": with_networks(DEFAULT, motion="unconstrained"),
+    "node2": with_networks(DEFAULT, motion="acceleration"),
+    "fc": with_networks(DEFAULT, images="fully_connected"),
+    "joint": replace(DEFAULT, stages=(Joint(steps=6000, batch=1, learning_rate=3e-4),)),
+    "joint-sign": replace(DEFAULT, stages=(Joint(steps=6000, batch=1, learning_rate=3e-4, forgetful=True),)),
     "paper": Preset(PAPER_NETWORKS, (Joint(steps=45_000, batch=1, learning_rate=3e-4),)),
 }
-"""`default` trains in minutes on two CPU cores; `paper` has the exact hyperparameters of the paper's table 2."""
+"""`default` trains in minutes on two CPU cores. `nc`, `node2` and `fc` are the paper's ablations: `default` with one
+field of its networks changed. `joint` is the paper's loss and optimiser on the default networks, `joint-sign` the same
+with the optimiser that the reference's code had (Adam that forgets); `paper` has the exact hyperparameters of the
+paper's table 2 and takes days."""

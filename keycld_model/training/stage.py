@@ -32,6 +32,8 @@ class Stage(ABC):
         one_cycle: warm up and anneal to zero.
         clip: bound on the norm of the gradient; None leaves it alone.
         trained: the variables this stage changes.
+        forgetful: forget the optimiser's moments after every step, as every public version of the reference's code
+            does: of Adam, sign descent remains. For a measured comparison only.
     """
 
     name: str
@@ -41,6 +43,7 @@ class Stage(ABC):
     one_cycle: bool = True
     clip: float | None = 5.0
     trained: tuple[str, ...] = ()
+    forgetful: bool = False
 
     def optimiser(self) -> optax.GradientTransformation:
         """Adam with this stage's schedule and clipping."""
@@ -48,7 +51,7 @@ class Stage(ABC):
         if self.one_cycle and self.steps > 1:
             warm_up = max(0.15, 1.001 / self.steps)  # one step at least; of none, the schedule makes NaN
             rate = optax.cosine_onecycle_schedule(self.steps, self.learning_rate, pct_start=warm_up)
-        adam = optax.adam(rate)
+        adam = forgetful(optax.adam(rate)) if self.forgetful else optax.adam(rate)
         return adam if self.clip is None else optax.chain(optax.clip_by_global_norm(self.clip), adam)
 
     def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
@@ -70,6 +73,15 @@ class Stage(ABC):
     def leave(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
         """Variables for later stages."""
         return variables
+
+
+def forgetful(optimiser: optax.GradientTransformation) -> optax.GradientTransformation:
+    """An optimiser whose state is never stored, so that each step is its first."""
+
+    def update(updates: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
+        return optimiser.update(updates, state, params)[0], state
+
+    return optax.GradientTransformation(optimiser.init, update)
 
 
 def model_parameters(variables: Variables) -> Parameters:

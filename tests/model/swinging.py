@@ -49,7 +49,9 @@ def swing(angle: float, action: float, frames: int) -> np.ndarray:
     return np.array(angles)
 
 
-def recordings(count: int = 8, length: int = 12, system: str | None = None, **changes: Any) -> list[Recording]:
+def recordings(
+    count: int = 8, length: int = 12, system: str | None = None, size: int = SIZE, **changes: Any
+) -> list[Recording]:
     rng, clock = np.random.default_rng(0), TIMESTEP * np.arange(length)
     made = []
     for i in range(count):
@@ -67,7 +69,7 @@ def recordings(count: int = 8, length: int = 12, system: str | None = None, **ch
             "t_state": clock,
             "qpos": angles[:, None],
             "t_frame": clock,
-            "frames": draw(angles),
+            "frames": draw(angles, size),
         }
         made.append(Recording(**fields | changes))
     return made

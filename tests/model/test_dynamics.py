@@ -10,7 +10,7 @@ from flax import nnx
 
 from keycld_envs import get_system
 from keycld_model import physics
-from keycld_model.dynamics import Dynamics
+from keycld_model.lagrangian import Lagrangian
 from keycld_model.nets.hourglass import grid
 from keycld_model.state_estimation import KEYPOINT_WEIGHT, estimate_state, refine_state
 
@@ -23,7 +23,7 @@ LENGTH = 0.4
 def make(name, seed=0):
     """Random V and g of about the strength of gravity, unequal masses, rods of 0.4 image units."""
     mechanism = get_system(name).mechanism
-    dynamics = Dynamics(mechanism, 16, 10.0, 0.5, False, nnx.Rngs(seed))
+    dynamics = Lagrangian(mechanism, 16, 10.0, 0.5, False, nnx.Rngs(seed))
     dynamics.log_masses[...] = 0.5 * jnp.arange(mechanism.num_keypoints)
     dynamics.level[...] = jnp.array([LENGTH**2 / 2] * len(mechanism.rods) + [0.0] * len(mechanism.sliders))
     return dynamics

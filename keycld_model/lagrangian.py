@@ -1,0 +1,78 @@
+"""The learned Lagrangian: point masses, V(x), g(x), with or without constraints."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jax import Array
+
+from keycld_envs.mechanism import Mechanism
+from keycld_model import physics
+from keycld_model.dynamics import Dynamics
+from keycld_model.nets import MLP
+from keycld_model.numerics import null_space
+
+
+class Lagrangian(Dynamics):
+    """Constrained Lagrangian dynamics in keypoint coordinates (KeyCLD paper, equation 6).
+
+    From motion alone (M, V, g) are known only up to one common factor. It is fixed by sum(masses) = 1, so V is energy
+    per total mass (image units squared per second squared).
+
+    Args:
+        mechanism: the declaration.
+        hidden: width of the hidden layers of V and g.
+        force_scale: factor on the outputs of V and g.
+        kernel_scale: standard deviation of their initial weights, or None.
+        linear: give them a linear term.
+        rngs: initialisation.
+        constrained: rods and sliders hold the masses; without them this is the paper's KeyCLD-NC.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        hidden: int,
+        force_scale: float,
+        kernel_scale: float | None,
+        linear: bool,
+        rngs: nnx.Rngs,
+        constrained: bool = True,
+    ) -> None:
+        super().__init__(mechanism)
+        n = 2 * mechanism.num_keypoints
+        self.held = mechanism if constrained else replace(mechanism, rods=(), sliders=())
+        self.log_masses = nnx.Param(jnp.zeros(mechanism.num_keypoints))
+        self.potential = MLP(n, hidden, 1, force_scale, kernel_scale, linear, rngs)
+        self.input = MLP(n, hidden, n * mechanism.num_actions, force_scale, kernel_scale, linear, rngs)
+
+    @property
+    def masses(self) -> Array:
+        """`[K]`, positive, of sum 1."""
+        return nnx.softmax(self.log_masses[...])
+
+    def potential_energy(self, x: Array) -> Array:
+        """V(x), scalar."""
+        return self.potential(x)[0]
+
+    def input_matrix(self, x: Array) -> Array:
+        """g(x), `[n, m]`: force on the keypoints per unit of each action."""
+        return self.input(x).reshape(x.shape[0], self.mechanism.num_actions)
+
+    def force(self, x: Array, u: Array) -> Array:
+        """f = g(x) u - grad V(x), `[n]`: what acts on the keypoints beside the constraints."""
+        return self.input_matrix(x) @ u - jax.grad(self.potential_energy)(x)
+
+    def acceleration(self, x: Array, v: Array, u: Array) -> Array:
+        """x'' `[n]` under actions u `[m]` (equation 6)."""
+        return physics.acceleration(self.held, self.masses, self.force(x, u), x, v, self.pivot[...])
+
+    def project(self, x: Array, v: Array, iterations: int = 3) -> tuple[Array, Array]:
+        """Nearest state that meets the constraints, in the metric of the masses."""
+        x = physics.project_position(self.held, self.masses, self.level[...], x, self.pivot[...], iterations)
+        return x, physics.project_velocity(self.held, self.masses, x, v, self.pivot[...])
+
+    def tangent_space(self, x: Array) -> Array:
+        """Orthonormal basis `[n, dof]` of the directions in which a configuration can move."""
+        return null_space(physics.constraint_jacobian(self.held, x, self.pivot[...]))
