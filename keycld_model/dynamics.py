@@ -44,9 +44,8 @@ class Dynamics(nnx.Module):
         return jnp.eye(x.shape[0], dtype=x.dtype)
 
     def step(self, x: Array, v: Array, u: Array, step_size: float) -> tuple[Array, Array]:
-        """One Runge-Kutta step under a held action, then projection of position and velocity."""
-        x, v = rk4_step(lambda x, v: self.acceleration(x, v, u), x, v, step_size)
-        return self.project(x, v, iterations=1)
+        """One Runge-Kutta step under a held action."""
+        return rk4_step(lambda x, v: self.acceleration(x, v, u), x, v, step_size)
 
     def rollout(self, x: Array, v: Array, actions: Array, timestep: float) -> tuple[Array, Array]:
         """Integrate from one frame to the next.

@@ -12,6 +12,7 @@ from keycld_model import physics
 from keycld_model.dynamics import Dynamics
 from keycld_model.nets import MLP
 from keycld_model.numerics import null_space
+from keycld_model.physics import INTEGRATORS, Integrator, PointMasses
 
 
 class Lagrangian(Dynamics):
@@ -66,12 +67,22 @@ class Lagrangian(Dynamics):
 
     def acceleration(self, x: Array, v: Array, u: Array) -> Array:
         """x'' `[n]` under actions u `[m]` (equation 6)."""
-        return physics.acceleration(self.held, self.masses, self.force(x, u), x, v, self.pivot[...])
+        return self.points.acceleration(self.force(x, u), x, v)
+
+    @property
+    def points(self) -> PointMasses:
+        """The masses and what holds them."""
+        return PointMasses(self.held, self.masses, self.level[...], self.pivot[...])
 
     def project(self, x: Array, v: Array, iterations: int = 3) -> tuple[Array, Array]:
         """Nearest state that meets the constraints, in the metric of the masses."""
-        x = physics.project_position(self.held, self.masses, self.level[...], x, self.pivot[...], iterations)
-        return x, physics.project_velocity(self.held, self.masses, x, v, self.pivot[...])
+        return self.points.project(x, v, iterations)
+
+    def step(
+        self, x: Array, v: Array, u: Array, step_size: float, integrator: Integrator = INTEGRATORS["projected"]
+    ) -> tuple[Array, Array]:
+        """One step under a held action; unless told otherwise by Runge-Kutta, then projected on the constraints."""
+        return integrator(self.points, lambda x: self.force(x, u), x, v, step_size)
 
     def tangent_space(self, x: Array) -> Array:
         """Orthonormal basis `[n, dof]` of the directions in which a configuration can move."""
