@@ -6,7 +6,7 @@ import os
 import signal
 import socket
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
@@ -19,6 +19,15 @@ RETRIES = 5
 """Times that work is done again whose machine was lost."""
 KNOCK = 10.0
 """Seconds to wait for a cluster to answer."""
+
+
+def each(function: Callable[[T], R], items: Sequence[T], workers: int, ray: str | None = None) -> Iterable[R]:
+    """Results in order, from a Ray cluster, from processes with one thread of linear algebra each, or from this one."""
+    if ray is not None:
+        return map_on_ray(function, items, ray)
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    return map(function, items) if workers == 1 else map_in_processes(function, items, workers)
 
 
 def map_in_processes(function: Callable[[T], R], items: Iterable[T], workers: int) -> Iterator[R]:

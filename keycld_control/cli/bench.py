@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import UseAppendAction
 
-from keycld_control.cli._output import print_result, write_result
+from keycld_control.cli._output import print_result
 from keycld_control.cli.doctor import examine
+from keycld_control.plain_json import write_json
 
 if TYPE_CHECKING:
     from keycld_control.benchmarks.figure import Figure
@@ -71,7 +72,7 @@ def run(args: Args) -> None:
         report["figures"] += [row(figure) for figure in _measure(part, args, weights)]
         report["complete"] = part == parts[-1]
         if args.out is not None:
-            write_result(report, args.out)
+            write_json(args.out, report)
     if args.json:
         print_result(report, as_json=True)
     else:

@@ -6,7 +6,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from keycld_control.cli._compiled import keep_compiled
-from keycld_control.cli._output import print_result, write_result
+from keycld_control.cli._output import print_result
+from keycld_control.plain_json import write_json
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def run(args: Args) -> int:
     report = diagnose(recordings, source.model, held_out, args.tracked)
     if args.out is not None:
         args.out.mkdir(parents=True, exist_ok=True)
-        write_result(report.to_dict(), args.out / "report.json")
+        write_json(args.out / "report.json", report.to_dict())
         corrected = None if source.mjcf is None else "corrected.xml"
         write_page(report, args.out / "report.html", source.environment, corrected)
         if report.evidence is not None and corrected is not None:

@@ -6,7 +6,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from keycld_control.cli._compiled import keep_compiled
-from keycld_control.cli._output import print_result, write_result
+from keycld_control.cli._output import print_result
+from keycld_control.plain_json import write_json
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def run(args: Args) -> int:
                     from keycld_model.diagnosis.real.plots import write_page
 
                     args.out.mkdir(parents=True, exist_ok=True)
-                    write_result(result.to_dict(), args.out / f"{name}.json")
+                    write_json(args.out / f"{name}.json", result.to_dict())
                     if result.curves:
                         write_page(result, args.out / f"{name}.html")
                 advance(1)

@@ -1,5 +1,7 @@
 """Joint angles and slider positions that keypoints show, and how well they agree with measured ones."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +40,41 @@ def slider_positions(mechanism: Mechanism, keypoints: Floats) -> Floats:
         for s in mechanism.sliders
     ]
     return np.stack(positions, axis=-1) if positions else np.empty((*keypoints.shape[:-2], 0))
+
+
+def joint_positions(mechanism: Mechanism, kinds: Sequence[str], keypoints: Floats, true: Floats) -> Floats:
+    """Positions of joints that keypoints show, in the joints' own coordinates.
+
+    A keypoint may sit anywhere on its link and a joint may count the other way round, so that of each hinge one offset
+    and the sense, of each slide an offset and the scale are fitted to true positions of the first frames.
+
+    Args:
+        mechanism: the declaration; hinges go with its rods and slides with its sliders, each in order.
+        kinds: "hinge" or "slide", of every joint.
+        keypoints: [N, T, K, 2], image units.
+        true: [N, C, nq] rad or m, of the first C frames.
+
+    Returns:
+        [N, T, nq] rad, unwrapped over time, or m.
+    """
+    angles, slides = joint_angles(mechanism, keypoints), slider_positions(mechanism, keypoints)
+    count, out, first = {"hinge": 0, "slide": 0}, [], slice(0, true.shape[1])
+    for j, kind in enumerate(kinds):
+        index, target = count[kind], true[..., j]
+        count[kind] += 1
+        if kind == "slide":
+            line = np.polyfit(slides[:, first, index].ravel(), target.ravel(), 1)
+            out.append(np.polyval(line, slides[..., index]))
+            continue
+        decoded = np.unwrap(angles[..., index], axis=1)
+        fits = []
+        for sense in (1.0, -1.0):
+            difference = wrap(target - sense * decoded[:, first])
+            offset = circular_mean(difference)
+            fits.append((float(np.mean(wrap(difference - offset) ** 2)), sense, offset))
+        _, sense, offset = min(fits)
+        out.append(sense * decoded + offset)
+    return np.stack(out, axis=-1)
 
 
 def circular_r2(decoded: Floats, true: Floats) -> float:

@@ -2,9 +2,7 @@
 
 import hashlib
 import json
-import os
 import shutil
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -16,7 +14,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file, atomic_folder
 from keycld_envs.progress import progress
 from keycld_envs.recordings import write_recording
-from keycld_envs.workers import map_in_processes, map_on_ray
+from keycld_envs.workers import each
 from keycld_model.diagnosis.blind.case import HELD_OUT, SECONDS, TRAINING, Case, Signals, draw_case, recording
 from keycld_model.diagnosis.blind.grade import gains, grade
 from keycld_model.diagnosis.blind.mechanisms.forces import Pulse
@@ -77,15 +75,6 @@ def make(out: Path, settings: Settings, workers: int = 1, ray: str | None = None
                 advance()
         _publish(out, settings, plans)
     return json.loads((out / "manifest.json").read_text(encoding="utf-8"))
-
-
-def each(function: Callable[[int], Any], items: list[int], workers: int, ray: str | None = None) -> Any:
-    """Results in order, from a Ray cluster, from processes with one thread of linear algebra each, or from this one."""
-    if ray is not None:
-        return map_on_ray(function, items, ray)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    return map(function, items) if workers == 1 else map_in_processes(function, items, workers)
 
 
 def name(index: int) -> str:

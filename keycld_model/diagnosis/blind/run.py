@@ -10,7 +10,8 @@ from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
 from keycld_envs.progress import progress
 from keycld_envs.recordings import read_dataset
-from keycld_model.diagnosis.blind.make import SCHEMA, each, name
+from keycld_envs.workers import each
+from keycld_model.diagnosis.blind.make import SCHEMA, name
 from keycld_model.diagnosis.blind.methods import METHODS, get_method
 from keycld_model.diagnosis.source import Source
 

@@ -1,0 +1,40 @@
+"""For how long predicted joint angles are right, on which an image's background has no influence."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_control.paper.measures.frames import beginning
+from keycld_envs import system_of
+from keycld_envs.recordings import Dataset
+from keycld_model import WorldModel
+from keycld_model.evaluation.joint_coordinates import joint_positions, wrap
+from keycld_model.evaluation.valid_prediction_time import valid_frames
+from keycld_model.world_model import CONTEXT_FRAMES
+
+WRONG = 0.2
+"""rad."""
+
+
+def angle_errors(model: WorldModel, test: Dataset, frames: int, context: int = CONTEXT_FRAMES) -> NDArray[np.float64]:
+    """Largest error of any hinge, `[N, T]` rad, of predictions from the first frames of recordings."""
+    stacked = beginning(test, frames)
+    assert model.system is not None and stacked.qpos is not None
+    kinds = [joint.kind for joint in system_of(model.system).joints]
+    positions, _ = model.rollout(stacked.frames[:, :context], stacked.actions)
+    decoded = joint_positions(model.mechanism, kinds, positions, stacked.qpos[:, :context])
+    hinges = [kind == "hinge" for kind in kinds]
+    return np.abs(wrap(decoded - stacked.qpos))[..., hinges].max(axis=-1)
+
+
+def angle_table(model: WorldModel, test: Dataset, frames: int) -> dict[str, Any]:
+    """Fraction of the frames before an angle is first wrong by more than 0.2 rad, and the median error over time."""
+    errors = angle_errors(model, test, frames)
+    valid = valid_frames(errors, WRONG) / errors.shape[1]
+    return {
+        "valid": valid.tolist(),
+        "mean": float(valid.mean()),
+        "frames": errors.shape[1],
+        "median_error": np.median(errors, axis=0).tolist(),
+    }

@@ -1,0 +1,62 @@
+"""What is trained and measured."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from keycld_control.benchmarks.weights import SYSTEMS
+
+ABLATIONS = ("default", "nc", "node2", "fc")
+"""Of the paper's table 1."""
+OPTIMISERS = ("joint", "joint-sign")
+"""The paper's loss and optimiser, and with the optimiser that its code had."""
+AMOUNTS = (25, 50, 100, 200)
+"""Sequences to train with; 450 are the paper's."""
+WHOLE = 450
+TITLES = {
+    "default": "KeyCLD",
+    "nc": "KeyCLD-NC",
+    "node2": "NODE2",
+    "fc": "FC",
+    "joint": "the paper's loss",
+    "joint-sign": "the paper's loss, sign descent",
+}
+
+
+@dataclass(frozen=True, order=True)
+class Training:
+    """One model to be trained.
+
+    Attributes:
+        system: short name.
+        preset: of `keycld_model.training.PRESETS`.
+        seed: of initialisation and batches.
+        sequences: recordings to train with.
+    """
+
+    system: str
+    preset: str = "default"
+    seed: int = 0
+    sequences: int = WHOLE
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        amount = "" if self.sequences == WHOLE else f"-{self.sequences}"
+        return f"{self.system}-{self.preset}-{self.seed}{amount}"
+
+    @property
+    def recordings(self) -> int:
+        """Recordings to be divided, a tenth of which validates."""
+        return next(n for n in range(self.sequences, 2 * self.sequences + 2) if n - n // 10 == self.sequences)
+
+
+def trainings(systems: Sequence[str] = SYSTEMS, seeds: int = 3) -> Iterator[Training]:
+    """All models, the most wanted first: one seed of each before the others."""
+    for seed in range(seeds):
+        for preset in ABLATIONS:
+            yield from (Training(system, preset, seed) for system in systems)
+        if seed == 0:
+            for preset in OPTIMISERS:
+                yield from (Training(system, preset, seed) for system in systems)
+            for amount in AMOUNTS:
+                yield from (Training(system, "default", seed, amount) for system in systems)

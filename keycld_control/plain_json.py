@@ -1,0 +1,29 @@
+"""JSON of what functions return, and files of it."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+def plain(value: Any) -> Any:
+    """`value` as JSON-compatible data; NumPy values are fine, NaN and infinity become null."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if value is None or isinstance(value, str | int | float | bool) else str(value)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a JSON file, which appears complete or not at all."""
+    from keycld_envs.files import atomic_file  # not above: this module must load where MuJoCo does not
+
+    with atomic_file(path, "w") as file:
+        json.dump(plain(value), file, ensure_ascii=False, allow_nan=False, indent=1)
+        file.write("\n")
