@@ -4,7 +4,8 @@ import json
 import os
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from keycld_model.modules import Parts
 from keycld_model.training import log
 from keycld_model.training.data import TrainingData
 from keycld_model.training.presets import PRESETS, Preset
+from keycld_model.training.sharding import Devices
 from keycld_model.training.stage import Batch, Stage, Variables, model_parameters
 from keycld_model.world_model import WorldModel
 
@@ -145,6 +147,7 @@ class _Run:
     test: TrainingData
     seed: int
     meta: dict[str, Any]
+    devices: Devices = field(default_factory=Devices)
 
     def finish(self) -> TrainingResult:
         """Run or resume to the end."""
@@ -162,7 +165,7 @@ class _Run:
                 seconds += time.perf_counter() - started
                 step = sum(s.steps for s in self.preset.stages[: index + 1])
                 name = self.preset.stages[index].name
-                log.append(self.folder, {"step": step, "stage": name, "validation_vpt": score, "seconds": seconds})
+                self._log({"step": step, "stage": name, "validation_vpt": score, "seconds": seconds})
                 advance(0, f"{name}: validation VPT {score:.2f}")
                 self._save(index + 1, 0, seconds, variables, None)
         started = time.perf_counter()
@@ -175,13 +178,15 @@ class _Run:
             str(self.folder),
             {**self.meta, **summary, "epsilon": self._epsilon},
         )
-        model.save(self.folder)
+        if self.devices.first:
+            model.save(self.folder)
         return TrainingResult(model, self.folder, self.preset.steps, seconds, score)
 
     def _resume(self) -> tuple[int, int, float, Variables, Any]:
         if not (self.folder / STATE).exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            (self.folder / log.NAME).unlink(missing_ok=True)
+            if self.devices.first:
+                (self.folder / log.NAME).unlink(missing_ok=True)
             return 0, 0, 0.0, jax.tree.map(jnp.asarray, self.parts.initial(self.seed)), None
         tensors, meta = read_checkpoint(self.folder / STATE)
         for key, value in self.meta.items():
@@ -190,11 +195,18 @@ class _Run:
                     f"{self.folder} holds a run with another {key}; continue it with the same settings and data, or "
                     "choose another --out."
                 )
-        log.rewind(self.folder, meta["step"])
+        if self.devices.first:
+            log.rewind(self.folder, meta["step"])
         variables = jax.tree.map(jnp.asarray, tensors["variables"])
         return meta["stage"], meta["done"], meta["seconds"], variables, tensors.get("optimiser")
 
+    def _log(self, entry: dict[str, Any]) -> None:
+        if self.devices.first:
+            log.append(self.folder, entry)
+
     def _save(self, stage: int, done: int, seconds: float, variables: Variables, optimiser: Any) -> None:
+        if not self.devices.first:
+            return
         tensors = {"variables": variables}
         if optimiser is not None:
             tensors["optimiser"] = {f"{i:04d}": leaf for i, leaf in enumerate(jax.tree.leaves(optimiser))}
@@ -216,25 +228,26 @@ class _Run:
         if saved is not None:
             leaves = [jnp.asarray(saved[key]) for key in sorted(saved)]
             state = jax.tree.unflatten(jax.tree.structure(state), leaves)
-        step = make_step(self.parts, stage, optimiser)
+        step = make_step(self.parts, stage, optimiser, self.devices)
+        trained, frozen, state = map(self.devices.replicate, (trained, frozen, state))
         before = sum(s.steps for s in self.preset.stages[:index])
         last_save = time.perf_counter()
         for i in range(done, stage.steps):
             batch = stage.draw(context, self.data, np.random.default_rng((self.seed, index, i)))
-            trained, state, metrics = step(trained, frozen, state, batch)
+            trained, state, metrics = step(trained, frozen, state, self.devices.divide(batch))
             advance(1)
             last = i + 1 == stage.steps
             if (i + 1) % LOG_EVERY == 0 or last:
                 entry = self._metrics(stage, i + 1, metrics, trained)
                 if "estimator" in trained and ((i + 1) % CHECK_EVERY == 0 or last):
-                    self._check_motion(stage, i + 1, {**frozen, **trained})
+                    self._check_motion(stage, i + 1, self.devices.gather({**frozen, **trained}))
                 elapsed = round(seconds + time.perf_counter() - started, 2)
-                log.append(self.folder, {"step": before + i + 1, "stage": stage.name, **entry, "seconds": elapsed})
+                self._log({"step": before + i + 1, "stage": stage.name, **entry, "seconds": elapsed})
                 advance(0, f"{stage.name}: loss {entry['loss']:.4g}")
                 if time.perf_counter() - last_save > SAVE_EVERY and not last:  # the end of a stage is saved anyway
                     self._save(index, i + 1, elapsed, {**frozen, **trained}, state)
                     last_save = time.perf_counter()
-        return stage.leave(self.parts, {**frozen, **trained}, self.data)
+        return stage.leave(self.parts, self.devices.gather({**frozen, **trained}), self.data)
 
     def _metrics(self, stage: Stage, done: int, metrics: dict[str, Any], trained: Variables) -> dict[str, Any]:
         """Plain numbers; refuses losses and variables that are not finite (one step apart, as a rule)."""
@@ -273,13 +286,17 @@ class _Run:
         return float(np.mean(valid_frames(errors, self._epsilon)) / self.test.length)
 
 
-def make_step(parts: Parts, stage: Stage, optimiser: optax.GradientTransformation) -> Callable[..., Any]:
+def make_step(
+    parts: Parts, stage: Stage, optimiser: optax.GradientTransformation, devices: Devices | None = None
+) -> Callable[..., Any]:
     """The pure step (trained, frozen, optimiser state, batch) -> (trained, optimiser state, metrics), compiled."""
 
     def loss(trained: Variables, frozen: Variables, batch: Batch) -> tuple[jax.Array, dict[str, jax.Array]]:
         return stage.loss(parts, {**frozen, **trained}, batch)
 
-    @jax.jit
+    everywhere = None if devices is None else devices.everywhere
+
+    @partial(jax.jit, **({} if everywhere is None else {"out_shardings": everywhere}))
     def step(trained: Variables, frozen: Variables, state: Any, batch: Batch) -> tuple[Any, Any, dict[str, Any]]:
         (value, metrics), gradient = jax.value_and_grad(loss, has_aux=True)(trained, frozen, batch)
         updates, state = optimiser.update(gradient, state, trained)

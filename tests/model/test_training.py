@@ -216,7 +216,7 @@ def test_a_loss_that_is_not_finite_leaves_the_saved_state_intact(tmp_path, monke
     wild = replace(SHORT, stages=(Discover(steps=12, batch=4, learning_rate=1e6, one_cycle=False, clip=None),))
     explode = loop.make_step
 
-    def make_step(parts, stage, optimiser):
+    def make_step(parts, stage, optimiser, devices=None):
         step, count = explode(parts, stage, optimiser), []
 
         def stepping(trained, frozen, state, batch):

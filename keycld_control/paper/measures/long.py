@@ -1,18 +1,17 @@
 """Beyond the paper's 50 frames: angles, frames, energy and constraints over up to fifty natural times."""
 
-from functools import partial
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_control.paper.measures.angles import angle_table
-from keycld_control.paper.measures.frames import beginning, curve
-from keycld_envs import get_system, system_of
+from keycld_control.paper.measures.angles import WRONG, decode, hinge_errors
+from keycld_control.paper.measures.frames import beginning
+from keycld_envs import get_system
 from keycld_envs.recordings import Dataset
 from keycld_model import WorldModel
-from keycld_model.evaluation.joint_coordinates import joint_positions
+from keycld_model.evaluation import static_error, valid_frames
 from keycld_model.world_model import CONTEXT_FRAMES
 
 LENGTHS = {"pendulum": 0.5, "cartpole": 0.71394, "acrobot": 1.0}
@@ -20,6 +19,7 @@ LENGTHS = {"pendulum": 0.5, "cartpole": 0.71394, "acrobot": 1.0}
 NATURAL = (10, 50)
 FRAMES = (500, 1000)
 GRAVITY = 9.81
+CHUNK = 64
 
 
 def natural_frames(system: str, times: float) -> int:
@@ -32,65 +32,71 @@ def horizon(system: str) -> int:
     return max(*FRAMES, *(natural_frames(system, n) for n in NATURAL)) + 1
 
 
-def over_time(model: WorldModel, system: str, test: Dataset) -> dict[str, Any]:
-    """Valid fractions of frames and angles for some lengths, and the deviation from the constraints."""
-    lengths = {**{f"{n} frames": n for n in FRAMES}, **{f"{n} T": natural_frames(system, n) for n in NATURAL}}
-    out: dict[str, Any] = {}
-    for title, frames in lengths.items():
-        whole = curve(model, test, frames)
-        angles = angle_table(model, test, frames)
-        out[title] = {
-            "frames": frames,
-            "vpt": whole["vpt"],
-            "valid": whole["valid"],
-            "angle_vpt": angles["mean"],
-            "angle_valid": angles["valid"],
-        }
-    return out | {"off_constraints": _off_constraints(model, test, FRAMES[-1])}
-
-
-def true_energy(model: WorldModel, test: Dataset, frames: int) -> dict[str, Any]:
-    """True energy at the predicted states of recordings without actions, whose true energy is constant.
-
-    Joint positions are decoded from the predicted keypoints, velocities are differences of those around.
+def beyond(model: WorldModel, system: str, test: Dataset) -> dict[str, Any]:
+    """What happens after the paper's last frame, from one rollout of each recording.
 
     Returns:
-        Per recording the largest deviation from its own start, relative to the range of the true potential.
+        "lengths": valid fractions of frames and angles for some lengths; "off_constraints": median of the largest
+        |Phi - level| within 1,000 frames; "true_energy": for every recording without actions, whose true energy is
+        constant, the largest change of the true energy at predicted states within 1,000 frames, relative to the range
+        of the true potential. Joint positions are decoded from the predicted keypoints, velocities are differences.
     """
-    assert model.system is not None
-    quiet = tuple(r for r in test.recordings if not np.any(np.asarray(r.action)))
-    system = system_of(model.system)
-    if not quiet:
-        return {"change": [], "frames": frames}
-    plant = system.compile()
-    stacked = beginning(Dataset(test.folder, quiet), frames)
+    lengths = {**{f"{n} frames": n for n in FRAMES}, **{f"{n} T": natural_frames(system, n) for n in NATURAL}}
+    stacked = beginning(test, max(lengths.values()))
     positions, _ = model.rollout(stacked.frames[:, :CONTEXT_FRAMES], stacked.actions)
-    assert stacked.qpos is not None
-    kinds = [joint.kind for joint in system.joints]
-    decoded = joint_positions(model.mechanism, kinds, positions, stacked.qpos[:, :CONTEXT_FRAMES])
-    speed = np.gradient(decoded, model.timestep, axis=1)
-    energy = np.apply_along_axis(partial(_energy, plant), 2, np.concatenate([decoded, speed], axis=2))
-    size = np.ptp([_energy(plant, np.concatenate([q, np.zeros(plant.nv)]))[1] for q in _poses(plant)])
-    change = np.abs(energy.sum(-1) - energy.sum(-1)[:, 1:2])[:, 1:-1].max(axis=1) / size
-    return {"change": change.tolist(), "frames": frames}
+    errors = np.stack([_frame_errors(model, x, f) for x, f in zip(positions, stacked.frames, strict=True)])
+    epsilon = (model.meta or {}).get("epsilon") or static_error(stacked.frames)
+    decoded = decode(model, positions, stacked)
+    angles = hinge_errors(model, decoded, stacked)
+    out: dict[str, Any] = {}
+    for title, n in lengths.items():
+        valid, right = valid_frames(errors[:, :n], epsilon) / n, valid_frames(angles[:, :n], WRONG) / n
+        out[title] = {
+            "frames": n,
+            "vpt": float(valid.mean()),
+            "valid": valid.tolist(),
+            "angle_vpt": float(right.mean()),
+            "angle_valid": right.tolist(),
+        }
+    last = FRAMES[-1]
+    quiet = ~np.any(stacked.actions, axis=(1, 2))
+    return {
+        "lengths": out,
+        "off_constraints": float(np.median(np.abs(model.constraint(positions[:, :last])).max(axis=(1, 2)))),
+        "true_energy": _energy_changes(system, decoded[quiet, :last], model.timestep),
+    }
 
 
-def _energy(plant: mujoco.MjModel, state: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Kinetic and potential, J."""
+def _frame_errors(model: WorldModel, positions: NDArray[np.floating], frames: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Mean squared error `[T]` of drawn frames."""
+    out = np.empty(len(frames))
+    for i in range(0, len(frames), CHUNK):
+        drawn = model.render(positions[i : i + CHUNK])
+        truth = frames[i : i + CHUNK].astype(np.float32) / 255
+        out[i : i + CHUNK] = ((drawn - truth) ** 2).mean(axis=(1, 2, 3))
+    return out
+
+
+def _energy_changes(system: str, joints: NDArray[np.floating], timestep: float) -> list[float]:
+    """Of trajectories `[N, T, nq]`."""
+    plant = get_system(system).compile()
     data = mujoco.MjData(plant)
-    data.qpos[:], data.qvel[:] = state[: plant.nq], state[plant.nq :]
+    poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (500, plant.nq))
+    size = np.ptp([_energy(plant, data, q, np.zeros(plant.nv))[1] for q in poses])
+    changes = []
+    for path in joints:
+        speeds = np.gradient(path, timestep, axis=0)
+        total = [sum(_energy(plant, data, q, v)) for q, v in zip(path[1:-1], speeds[1:-1], strict=True)]
+        changes.append(float(np.abs(np.array(total) - total[0]).max() / size))
+    return changes
+
+
+def _energy(
+    plant: mujoco.MjModel, data: mujoco.MjData, qpos: NDArray[np.floating], qvel: NDArray[np.floating]
+) -> tuple[float, float]:
+    """Kinetic and potential, J."""
+    data.qpos[:], data.qvel[:] = qpos, qvel
     mujoco.mj_forward(plant, data)
     mujoco.mj_energyPos(plant, data)
     mujoco.mj_energyVel(plant, data)
-    return np.array([data.energy[1], data.energy[0]])
-
-
-def _poses(plant: mujoco.MjModel) -> NDArray[np.float64]:
-    return np.random.default_rng(0).uniform(-np.pi, np.pi, (500, plant.nq))
-
-
-def _off_constraints(model: WorldModel, test: Dataset, frames: int) -> float:
-    """Median of the largest |Phi - level| along rollouts."""
-    stacked = beginning(test, frames)
-    positions, _ = model.rollout(stacked.frames[:, :CONTEXT_FRAMES], stacked.actions)
-    return float(np.median(np.abs(model.constraint(positions)).max(axis=(1, 2))))
+    return float(data.energy[1]), float(data.energy[0])

@@ -1,0 +1,138 @@
+"""The self-contained page, and the Markdown file."""
+
+import base64
+from collections.abc import Iterator, Sequence
+from html import escape
+from pathlib import Path
+from string import Template
+
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
+
+from keycld_control.benchmarks.weights import SYSTEMS
+from keycld_control.paper.plan import ABLATIONS, OPTIMISERS, TITLES
+from keycld_control.paper.tables import Result, Table, chosen, tables
+from keycld_envs.files import atomic_file
+
+COLOURS = ("#1f6f9f", "#d08a1d", "#5b8a3a", "#b23a48", "#7b5aa6", "#555555")
+PAGE = Template("""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>KeyCLD: the paper anew</title><style>
+body{font:16px/1.5 system-ui,sans-serif;max-width:72rem;margin:2rem auto;padding:0 1.5rem;color:#222;background:#fcfbf7}
+h1,h2{font-family:Georgia,serif;line-height:1.2}h2{margin-top:3rem}
+table{border-collapse:collapse;font-variant-numeric:tabular-nums;margin:1rem 0}
+th,td{text-align:left;padding:.3rem .9rem .3rem 0;border-bottom:1px solid #ddd}th{font-weight:600}
+p.note{color:#666;max-width:46rem;font-size:.9rem}figure{margin:1rem 0}figcaption{color:#666;font-size:.9rem}
+img{width:100%;image-rendering:pixelated}div.wide{overflow-x:auto}
+</style><script>$plotly</script></head><body>
+<h1>KeyCLD: the paper anew</h1>
+<p>$about</p>
+$body
+</body></html>
+""")
+
+
+def write_report(out: Path, results: Sequence[Result]) -> None:
+    """Write report.html and report.md from what has been measured so far."""
+    made = tables(results)
+    about = f"{len(results)} models measured: {_number(results)}. Written by <code>keycld paper</code>."
+    body = [_table(table) for table in made]
+    body += [_figure(title, figure) for title, figure in figures(results)]
+    body += list(_strips(out, results))
+    page = PAGE.substitute(plotly=get_plotlyjs(), about=about, body="\n".join(body))
+    with atomic_file(out / "report.html", "w") as file:
+        file.write(page)
+    with atomic_file(out / "report.md", "w") as file:
+        file.write("# KeyCLD: the paper anew\n\n" + "\n".join(table.markdown() for table in made))
+
+
+def figures(results: Sequence[Result]) -> Iterator[tuple[str, go.Figure]]:
+    """Figure 3, figures 8 to 12."""
+    if any("curve" in r for r in results):
+        yield "Error of predicted frames over time (figure 3)", _curves(results)
+    if any("potential" in r for r in results):
+        yield "Potential energy (figures 8 to 12)", _potentials(results)
+
+
+def _curves(results: Sequence[Result]) -> go.Figure:
+    figure = make_subplots(1, len(SYSTEMS), subplot_titles=SYSTEMS, shared_yaxes=True)
+    for c, system in enumerate(SYSTEMS, 1):
+        for colour, preset in zip(COLOURS, (*ABLATIONS, *OPTIMISERS), strict=True):
+            found = [r for r in chosen(results, system, preset) if "curve" in r]
+            if not found:
+                continue
+            curve, group = found[0]["curve"], {"legendgroup": preset, "line": {"color": colour}}
+            frames = list(range(len(curve["mean"])))
+            band = {"x": frames + frames[::-1], "y": curve["high"] + curve["low"][::-1]}
+            figure.add_scatter(
+                **band, fill="toself", opacity=0.15, hoverinfo="skip", showlegend=False, mode="none",
+                fillcolor=colour, legendgroup=preset, row=1, col=c,
+            )  # fmt: skip
+            first = not any(trace.name == TITLES[preset] for trace in figure.data)
+            figure.add_scatter(x=frames, y=curve["mean"], name=TITLES[preset], showlegend=first, **group, row=1, col=c)
+            figure.add_hline(y=curve["epsilon"], line={"dash": "dot", "color": "#999"}, row=1, col=c)  # pyright: ignore
+    figure.update_yaxes(type="log", exponentformat="power", col=1, title="mean squared error")
+    figure.update_xaxes(title="frame")
+    return figure.update_layout(template="plotly_white", height=420, margin={"t": 50})
+
+
+def _potentials(results: Sequence[Result]) -> go.Figure:
+    sweeps = [
+        (system, k, found[0]["potential"][k])
+        for system in SYSTEMS
+        if (found := [r for r in chosen(results, system, "default") if "potential" in r])
+        for k in range(len(found[0]["potential"]))
+    ]
+    titles = [f"{system}, {sweep['title']} (figure {sweep['figure']})" for system, _, sweep in sweeps]
+    figure = make_subplots((len(sweeps) + 1) // 2, 2, subplot_titles=titles)
+    for i, (_, _, sweep) in enumerate(sweeps):
+        at = {"row": i // 2 + 1, "col": i % 2 + 1}
+        figure.add_scatter(
+            x=sweep["position"], y=sweep["true"], name="true", line={"color": "#999", "dash": "dot"},
+            showlegend=i == 0, legendgroup="true", **at,
+        )  # fmt: skip
+        figure.add_scatter(
+            x=sweep["position"], y=sweep["learned"], name="learned", line={"color": COLOURS[0]},
+            showlegend=i == 0, legendgroup="learned", **at,
+        )  # fmt: skip
+    figure.update_yaxes(title="J")
+    return figure.update_layout(template="plotly_white", height=260 * ((len(sweeps) + 1) // 2), margin={"t": 50})
+
+
+def _strips(out: Path, results: Sequence[Result]) -> Iterator[str]:
+    shown = False
+    for system in SYSTEMS:
+        for preset in (*ABLATIONS, *OPTIMISERS):
+            for r in chosen(results, system, preset)[:1]:
+                path = out / "strips" / f"{system}-{preset}-{r['seed']}.png"
+                if not path.is_file():
+                    continue
+                if not shown:
+                    yield "<h2>Frames (figures 4, 13 to 15)</h2>"
+                    shown = True
+                image = base64.b64encode(path.read_bytes()).decode("ascii")
+                caption = f"{system}, {TITLES[preset]}: every fourth frame; truth above, prediction below"
+                yield (
+                    f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{image}">'
+                    f"<figcaption>{escape(caption)}</figcaption></figure>"
+                )
+
+
+def _figure(title: str, figure: go.Figure) -> str:
+    return f"<h2>{escape(title)}</h2>{figure.to_html(include_plotlyjs=False, full_html=False)}"
+
+
+def _table(table: Table) -> str:
+    head = "".join(f"<th>{escape(c)}</th>" for c in table.columns)
+    rows = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in table.rows)
+    return (
+        f'<h2>{escape(table.title)}</h2><div class="wide"><table><tr>{head}</tr>{rows}</table></div>'
+        f'<p class="note">{escape(table.note)}</p>'
+    )
+
+
+def _number(results: Sequence[Result]) -> str:
+    failed = sum("failure" in r for r in results)
+    seeds = len({r["seed"] for r in results})
+    return f"{seeds} seed{'s' if seeds != 1 else ''}" + (f", {failed} trainings failed" if failed else "")

@@ -1,0 +1,121 @@
+"""Trains, or loads, and measures; every piece of work leaves a file, so that nothing is done twice."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from keycld_control.paper.measures.angles import angle_table
+from keycld_control.paper.measures.energy import drift
+from keycld_control.paper.measures.frames import curve, table_row
+from keycld_control.paper.measures.long import beyond
+from keycld_control.paper.measures.masses import mass_ratio
+from keycld_control.paper.measures.potential import potential
+from keycld_control.paper.plan import WHOLE, Training
+from keycld_control.paper.recordings import recordings
+from keycld_control.paper.strips import write_strip
+from keycld_control.plain_json import write_json
+from keycld_envs import resolve_env_id, system_of
+from keycld_envs.progress import progress
+from keycld_envs.recordings import Dataset
+from keycld_envs.workers import each
+from keycld_model import WorldModel
+from keycld_model.config import ModelConfig
+from keycld_model.training import PRESETS, TrainingError, train
+from keycld_model.world_model import shipped_models
+
+SCHEMA = "keycld.paper/1"
+
+
+@dataclass(frozen=True)
+class Work:
+    """What all pieces of work share.
+
+    Attributes:
+        out: folder of the report; data, models and results lie in it.
+        data_seed: of the paper's data set; tests have others.
+        shipped: take the shipped weights where they are what is asked for.
+    """
+
+    out: Path
+    data_seed: int = 1
+    shipped: bool = True
+
+    def result(self, training: Training) -> Path:
+        """File of a training's figures."""
+        return self.out / "results" / f"{training.name}.json"
+
+
+def work_off(work: Work, trainings: Sequence[Training], workers: int = 1, ray: str | None = None) -> None:
+    """Do what is missing, each training with its measures in one process."""
+    todo = [t for t in trainings if not work.result(t).is_file()]
+    for training in todo:  # here, with all processes, before these need them
+        for part in ("test",) if _loaded(work, training) else ("test", "training"):
+            recordings(work.out / "data", training.system, part, work.data_seed, workers)
+    with progress("Models", total=len(trainings)) as advance:
+        advance(len(trainings) - len(todo))
+        for _ in each(partial(one, work), todo, workers, ray):
+            advance(1)
+
+
+def one(work: Work, training: Training) -> None:
+    """Train or load one model, measure it, write the figures."""
+    result: dict[str, Any] = {"schema": SCHEMA, **asdict(training)}
+    try:
+        model, seconds = _model(work, training)
+    except TrainingError as error:  # keypoints that collapse are a result, too
+        write_json(work.result(training), result | {"failure": str(error)})
+        return
+    test = recordings(work.out / "data", training.system, "test", work.data_seed)
+    write_strip(work.out / "strips" / f"{training.name}.png", model, test)
+    write_json(work.result(training), result | {"training_s": seconds} | measured(work, training, model))
+
+
+def measured(work: Work, training: Training, model: WorldModel) -> dict[str, Any]:
+    """Figures of a model: all of the default's first seed, else those of the paper's table."""
+    data = partial(recordings, work.out / "data", training.system, seed=work.data_seed)
+    test = data("test")
+    out: dict[str, Any] = {"table": table_row(model, test), "curve": curve(model, test)}
+    if model.config.networks.motion == "constrained":
+        out |= {"potential": potential(model, training.system), "mass_ratio": mass_ratio(model, training.system)}
+    if training.preset == "default" and training.sequences == WHOLE:
+        out["angles"] = {part: angle_table(model, data(part), 50) for part in ("test", "varying", "moving")}
+        out["varying"] = {part: curve(model, data(part)) for part in ("varying", "moving")}
+        out["integrators"] = drift(model, test)
+        out["long"] = beyond(model, training.system, data("long"))
+    return out
+
+
+def _model(work: Work, training: Training) -> tuple[WorldModel, float | None]:
+    """The model, and how long its training took."""
+    if (found := _loaded(work, training)) is not None:
+        return found, (found.meta or {}).get("seconds")
+    dataset = recordings(work.out / "data", training.system, "training", work.data_seed)
+    dataset = replace(dataset, recordings=dataset.recordings[: training.recordings])
+    preset, name = PRESETS[training.preset], resolve_env_id(training.system)
+    config = _config(dataset, name, preset.networks)
+    result = train(dataset, config, work.out / "models" / training.name, training.preset, training.seed)
+    return WorldModel.load(result.folder), result.seconds
+
+
+def _loaded(work: Work, training: Training) -> WorldModel | None:
+    """The shipped weights, if they were trained so."""
+    if not work.shipped or training.system not in shipped_models() or training.sequences != WHOLE:
+        return None
+    model = WorldModel.load(training.system)
+    meta = model.meta or {}
+    made = meta.get("preset"), meta.get("seed"), meta.get("data", {}).get("seed")
+    return model if made == (training.preset, training.seed, work.data_seed) else None
+
+
+def _config(dataset: Dataset, name: str, networks: Any) -> ModelConfig:
+    sequences = dataset.sequences()
+    height, width = sequences.frames.shape[2:4]
+    return ModelConfig(system_of(name).mechanism, round(sequences.timestep, 9), (height, width), name, networks)
+
+
+def results(out: Path) -> list[dict[str, Any]]:
+    """All figures that are there, in order of their names."""
+    return [json.loads(path.read_text(encoding="utf-8")) for path in sorted((out / "results").glob("*.json"))]
