@@ -47,7 +47,7 @@ class Training:
     @property
     def recordings(self) -> int:
         """Recordings to be divided, a tenth of which validates."""
-        return next(n for n in range(self.sequences, 2 * self.sequences + 2) if n - n // 10 == self.sequences)
+        return max(n for n in range(self.sequences, 2 * self.sequences) if n - n // 10 == self.sequences)
 
 
 def trainings(systems: Sequence[str] = SYSTEMS, seeds: int = 3) -> Iterator[Training]:

@@ -1,0 +1,155 @@
+"""The paper's report: what is planned, measures against known truths, tables and the page."""
+
+import json
+
+import numpy as np
+import pytest
+from oracle import body_of, point_masses
+from plotly.offline import get_plotlyjs
+
+from keycld_control.cli import main
+from keycld_control.paper import work as working
+from keycld_control.paper.measures.long import _energy_changes, horizon, natural_frames
+from keycld_control.paper.measures.masses import equivalent_masses
+from keycld_control.paper.page import write_report
+from keycld_control.paper.plan import AMOUNTS, Training, trainings
+from keycld_control.paper.recordings import PARTS
+from keycld_control.paper.tables import interval, tables
+from keycld_control.paper.work import Work, results, work_off
+from keycld_control.plain_json import write_json
+from keycld_envs import get_system
+from keycld_model.evaluation.joint_coordinates import joint_positions
+
+SYSTEMS = ("pendulum", "cartpole", "acrobot")
+
+
+def test_every_training_is_planned_once_and_first_seeds_come_first():
+    planned = list(trainings())
+    assert len(set(planned)) == len(planned) == 3 * (3 * 4 + 2 + len(AMOUNTS))
+    assert [t.seed for t in planned] == sorted(t.seed for t in planned)
+    assert len({t.name for t in planned}) == len(planned)
+
+
+@pytest.mark.parametrize("amount", [25, 50, 100, 200, 450])
+def test_a_tenth_of_the_recordings_validates_and_the_rest_is_as_many_as_asked_for(amount):
+    count = Training("pendulum", sequences=amount).recordings
+    assert count - count // 10 == amount
+    assert Training("pendulum").recordings == PARTS["training"].episodes == 500
+
+
+def test_tests_are_recorded_with_seeds_of_their_own():
+    assert len({part.seed for part in PARTS.values()}) == len(PARTS)
+
+
+@pytest.mark.parametrize(("name", "ratio"), [("cartpole", 14.7), ("acrobot", 0.957)])
+def test_masses_that_move_as_the_bodies_do(name, ratio):
+    masses = equivalent_masses(get_system(name))
+    assert masses[0] / masses[1] == pytest.approx(ratio, rel=2e-3)
+    np.testing.assert_allclose(
+        np.divide(masses, sum(masses)), body_of(name).masses / body_of(name).masses.sum(), rtol=1e-3
+    )
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_joint_positions_are_decoded_whatever_the_sense_and_the_zero(name):
+    """From point masses; the true positions are those of joints that count the other way round, from elsewhere."""
+    system, rng = get_system(name), np.random.default_rng(0)
+    path = np.cumsum(rng.normal(0, 0.2, (3, 30, len(system.joints))), axis=1)
+    keypoints = np.array([[point_masses(name, q).reshape(-1, 2) for q in run] for run in path])
+    kinds = [joint.kind for joint in system.joints]
+    true = 0.3 - path
+    decoded = joint_positions(system.mechanism, kinds, keypoints, true[:, :5])
+    turns = np.round((decoded - true)[:, :1] / (2 * np.pi)) * 2 * np.pi
+    np.testing.assert_allclose(decoded - turns, true, atol=1e-6)
+
+
+def test_energy_of_a_true_motion_does_not_change():
+    import mujoco
+
+    system = get_system("acrobot")
+    model = system.compile()
+    data, path = mujoco.MjData(model), []
+    data.qpos[:] = [2.0, 0.5]
+    for _ in range(200):
+        mujoco.mj_step(model, data)
+        path.append(data.qpos.copy())
+    true, wrong = np.array(path), np.array(path) * [1.0, 1.2]
+    change = _energy_changes("acrobot", np.stack([true, wrong]), system.timestep)
+    assert change[0] < 0.01 < 0.05 < change[1]
+
+
+def test_natural_times():
+    assert natural_frames("pendulum", 10) == 113
+    assert natural_frames("acrobot", 50) == 1596
+    assert horizon("acrobot") == 1597 and horizon("pendulum") == 1001
+
+
+def made_up(system, preset, seed, vpt, sequences=450):
+    """Figures of a model as `one` writes them."""
+    curve = {
+        "mean": [1e-4, 2e-4],
+        "low": [1e-5, 1e-5],
+        "high": [3e-4, 4e-4],
+        "epsilon": 1e-3,
+        "vpt": vpt,
+        "valid": [1.0],
+    }
+    table = {"vpt_from_5": vpt, "vpt_from_2": vpt / 2, "frame_index_from_2": 49 * vpt}
+    sweep = {"figure": 8, "title": "pole turns", "position": [0.0, 1.0], "learned": [0.0, 1.1], "true": [0.0, 1.0]}
+    return {
+        "schema": working.SCHEMA, "system": system, "preset": preset, "seed": seed, "sequences": sequences,
+        "table": table, "curve": curve, "potential": [{**sweep, "r2": 0.99, "change": 1.0}], "mass_ratio": None,
+    }  # fmt: skip
+
+
+@pytest.fixture
+def report(tmp_path):
+    found = [made_up("pendulum", "default", seed, 0.9 + 0.05 * seed) for seed in range(3)]
+    found += [made_up("pendulum", "nc", 0, 0.4), made_up("pendulum", "default", 0, 0.7, 50)]
+    found += [
+        {"schema": working.SCHEMA, "system": "pendulum", "preset": "nc", "seed": 1, "sequences": 450, "failure": "x"}
+    ]
+    for r in found:
+        training = Training(r["system"], r["preset"], r["seed"], r["sequences"])
+        write_json(Work(tmp_path).result(training), r)
+    return tmp_path
+
+
+def test_tables_tell_the_paper_and_the_mean_over_seeds(report):
+    made = {table.title: table for table in tables(results(report))}
+    rows = made["Valid prediction time"].rows
+    assert rows[0] == ("KeyCLD", "pendulum", "0.38", "0.950 ± 0.124", "0.475 ± 0.062", "46.6 ± 6.1", "3")
+    assert rows[1][:4] == ("KeyCLD-NC", "pendulum", "0.20", "0.400") and rows[1][-1] == "1, 1 failed"
+    assert made["Training sequences"].rows == (("50", "0.700", "–", "–"), ("450", "0.950 ± 0.124", "–", "–"))
+    assert interval([0.5]) == "0.500"
+
+
+def test_the_page_needs_nothing_else(report, capsys):
+    assert main(["paper", "--out", str(report), "--only-report", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["models"] == 6
+    page = (report / "report.html").read_text().replace(get_plotlyjs(), "")
+    assert "KeyCLD-NC" in page and "pole turns" in page
+    assert 'src="http' not in page and "<link" not in page
+    assert "| KeyCLD | pendulum | 0.38 |" in (report / "report.md").read_text()
+
+
+def test_work_is_not_done_twice(report, monkeypatch):
+    done = []
+    monkeypatch.setattr(working, "one", lambda work, training: done.append(training))
+    monkeypatch.setattr(working, "recordings", lambda *_, **__: None)
+    wanted = [Training("pendulum"), Training("pendulum", seed=7)]
+    work_off(Work(report), wanted)
+    assert done == wanted[1:]
+
+
+def test_what_cannot_be_made_is_told(tmp_path, capsys):
+    for words, told in {
+        ("--seeds", "0"): "seeds is 0",
+        ("--preset", "nonsense"): "--preset names 'nonsense'; there are default, nc",
+        ("--preset", "fc", "--sequences", "25"): "Nothing that is planned",
+        ("--only-report",): "holds no results",
+    }.items():
+        assert main(["paper", "--out", str(tmp_path), *words]) == 2
+        assert told in capsys.readouterr().err
+    write_report(tmp_path, [made_up("acrobot", "default", 0, 1.0)])
+    assert (tmp_path / "report.html").is_file()
