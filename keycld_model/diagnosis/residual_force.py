@@ -30,6 +30,8 @@ CHOICES = 2
 """Times that features and their prior are chosen."""
 FAR, SHORTER = 30.0, 4
 """Variance over the sensor's from which windows are first cut into so many."""
+ROUNDING = 1e-11
+"""Relative; what sums of squares may be off by."""
 SETTLE = 12
 """Gauss-Newton steps of initial states of longer windows."""
 
@@ -176,7 +178,8 @@ class _Normal:
     def solve(self, force: ResidualForce) -> tuple[Array, Array]:
         """Weights `[k, nv]` and nuisances `[n]`."""
         matrix, vector = self._equations(force.features)
-        solution = np.linalg.solve(matrix + np.diag(self._prior(force)), vector).astype(np.float64)
+        low, scale = _factored(matrix + np.diag(self._prior(force)))
+        solution = np.linalg.solve(low.T, np.linalg.solve(low, vector / scale)) / scale
         return solution[len(self.prior) :].reshape(-1, len(self.scale)), solution[: len(self.prior)]
 
     def worth(self, force: ResidualForce) -> Array:
@@ -203,9 +206,10 @@ class _Normal:
 
     def _evidence(self, matrix: Array, vector: Array, force: ResidualForce) -> float:
         prior = self._prior(force)
-        low = np.linalg.cholesky(matrix + np.diag(prior))
-        explained = np.linalg.solve(low, vector)
-        return 0.5 * float(explained @ explained + np.log(prior).sum()) - float(np.log(np.diag(low)).sum())
+        low, scale = _factored(matrix + np.diag(prior))
+        explained = np.linalg.solve(low, vector / scale)
+        volume = np.log(np.diag(low)).sum() + np.log(scale).sum()
+        return 0.5 * float(explained @ explained + np.log(prior).sum()) - float(volume)
 
     def _prior(self, force: ResidualForce) -> Array:
         """Precisions of nuisances, then of weights."""
@@ -224,3 +228,9 @@ class _Normal:
         matrix = np.block([[m[:, :n, :n].sum(axis=0), cross], [cross.T, own]])
         vector = np.concatenate([y[:, :n].sum(axis=0), np.einsum("wbk,wb->k", spread, y[:, n:])])
         return matrix.astype(np.float64), vector.astype(np.float64)
+
+
+def _factored(matrix: Array) -> tuple[Array, Array]:
+    """L and s with matrix = diag(s) L L' diag(s) up to rounding, which stiff stops lift above the priors."""
+    scale = np.sqrt(np.diag(matrix))
+    return np.linalg.cholesky(matrix / np.outer(scale, scale) + ROUNDING * np.eye(len(matrix))), scale
