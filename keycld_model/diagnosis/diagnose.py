@@ -29,7 +29,7 @@ from keycld_model.diagnosis.held_out import error_unit, likelihood, replay, roll
 from keycld_model.diagnosis.next_experiment import next_experiment
 from keycld_model.diagnosis.noise import noise
 from keycld_model.diagnosis.prepare import SAMPLES, accurate_step, split, thin
-from keycld_model.diagnosis.pulses import concentrated, paid, pushed
+from keycld_model.diagnosis.pulses import concentrated, paid, pushed, spiked
 from keycld_model.diagnosis.report import Finding, FitErrors, Report, Unexplained, Verdict
 from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force, lengthened, residual_force_of
 from keycld_model.diagnosis.search import LARGEST, Scored, Search, misfit
@@ -298,7 +298,7 @@ def _explain(refitted: Fit, recordings: Sequence[Recording], effects: Sequence[E
     """The best set of effects and pushes with one integrator, with some effects to start from.
 
     Where these need shorter steps, the search goes on with such. Pushes only where neither effects nor a smooth force
-    on the joints, which would come again in the same states, leave only noise.
+    on the joints, which would come again in the same states, leave only noise, or where they do so but for few windows.
     """
     search = Search(refitted.problem, EXCLUDED)
     best, smooth = search.run(refitted.point, effects), None
@@ -307,7 +307,7 @@ def _explain(refitted: Fit, recordings: Sequence[Recording], effects: Sequence[E
         return _explain(finer[0], recordings, finer[1].effects)
     if significant(best.fit).max() > 0:
         smooth = fit_residual_force(refitted)
-    if smooth and significant(smooth).max() > 0:
+    if significant(smooth).max() > 0 if smooth else spiked(best.fit):
         for fit in (refitted, best.fit):
             start = pushed(fit) if concentrated(fit) else fit
             if not start.point.variant.pulses:

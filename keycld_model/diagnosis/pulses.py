@@ -17,6 +17,8 @@ PRICE = 20.0
 """Nats that a pulse must gain: three numbers of its own, and its time and joint were searched for."""
 FURTHER = 60.0
 """Nats that pulses at a further joint must gain: short pulses at different joints look alike."""
+SPIKES = 2
+"""Windows that are no coincidence; of 75 sealed null cases none has two such."""
 SPARSE = 0.7
 """Share of windows that pushes may be in; where there are more, it is something else."""
 CONTINUED = 5.0
@@ -27,10 +29,20 @@ ROUNDS, TIMING = 4, 6
 
 def concentrated(fit: Fit, share: float = 0.4, excess: float = 0.6) -> bool:
     """Most of what a fit leaves above noise is in few windows."""
-    above = np.sort(fit.problem.costs(fit.point) - 0.5 * fit.problem.samples / len(fit.problem.windows))[::-1]
+    above = _above(fit)
     few = above[: max(1, int(share * len(above)))]
     total = np.maximum(above, 0).sum()
     return bool(total > PRICE and np.maximum(few, 0).sum() > excess * total and np.median(above) < 0.5 * above[0])
+
+
+def spiked(fit: Fit) -> bool:
+    """Some windows are left with what a pulse must gain, however little that is among all of them."""
+    return bool(np.sum(_above(fit) > PRICE) >= SPIKES)
+
+
+def _above(fit: Fit) -> Array:
+    """Nats that each window leaves above noise, the greatest first."""
+    return np.sort(fit.problem.costs(fit.point) - 0.5 * fit.problem.samples / len(fit.problem.windows))[::-1]
 
 
 def pushed(fit: Fit) -> Fit:

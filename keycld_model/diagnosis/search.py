@@ -153,7 +153,8 @@ class Search:
         for _ in range(ROUNDS):
             better = self._simplified(self._pruned(min([best, *self._finalists(best)], key=_score)))
             better = self._refine(self._exchanged(better).fit.point, thoroughly=True)
-            if better.score > best.score - self.least(better):
+            gained, least = best.score - better.score, self.least(better)
+            if gained < (-least if better.size < best.size else least):
                 break
             best = better
         return best
