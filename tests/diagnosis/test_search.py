@@ -1,6 +1,10 @@
 """Searches that would end in the wrong optimum."""
 
+from contextlib import ExitStack
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock, patch
 
 import numpy as np
 from plants import recordings
@@ -8,6 +12,7 @@ from plants import recordings
 from keycld_envs import KeyCLDEnv
 from keycld_envs.effects import EFFECTS, Backlash
 from keycld_model.diagnosis.fit import Problem
+from keycld_model.diagnosis.pulses import spiked
 from keycld_model.diagnosis.search import Search
 from keycld_model.diagnosis.simulator import Simulator
 from keycld_model.diagnosis.windows import cut
@@ -54,3 +59,38 @@ def test_beside_strong_pushes_an_effect_must_gain_its_share_of_all():
     gain = start.cost - alone.fit.cost
     assert Search(problem, others, gained=20 * gain).run(start.point).keys == alone.keys
     assert not Search(problem, others, gained=200 * gain).run(start.point).keys
+
+
+def test_a_set_without_its_filler_wins_when_it_turns_up_late():
+    """It explains as much, to within what an effect must gain, and less than the next round must gain."""
+
+    def scored(effects: str, score: float) -> SimpleNamespace:
+        return SimpleNamespace(keys=frozenset(effects), size=(len(effects), len(effects)), score=score, fit=Mock())
+
+    nothing, pair, single = scored("", 500.0), scored("ab", 100.0), scored("a", 96.4)
+    rounds = iter([pair, single, single])
+    search = Search.__new__(Search)
+    search.gained = search._nothing = 0.0
+    with ExitStack() as stack:
+        for name, result in {
+            "_refine": lambda point, **_: nothing if point is start else current[0],
+            "_finalists": lambda best: [current.__setitem__(0, next(rounds)) or current[0]],
+            "_pruned": lambda best: best,
+            "_simplified": lambda best: best,
+            "_exchanged": lambda best: best,
+        }.items():
+            stack.enter_context(patch.object(search, name, result))
+        start, current = Mock(), [nothing]
+        start.with_effects.return_value = start
+        assert search.run(start) is single
+
+
+def test_windows_that_stick_out_are_seen_where_all_together_look_like_noise():
+    def fit(*above: float) -> Any:
+        costs = np.full(80, 40.0)
+        costs[: len(above)] += above
+        problem = SimpleNamespace(costs=lambda point: costs, samples=6400, windows=range(80))
+        return SimpleNamespace(problem=problem, point=None)
+
+    assert not spiked(fit()) and not spiked(fit(200.0)) and not spiked(fit(19.0, 19.0, 19.0))
+    assert spiked(fit(21.0, 22.0))
