@@ -56,7 +56,7 @@ def figures(results: Sequence[Result]) -> Iterator[tuple[str, go.Figure]]:
 
 
 def _curves(results: Sequence[Result]) -> go.Figure:
-    figure = make_subplots(1, len(SYSTEMS), subplot_titles=SYSTEMS, shared_yaxes=True)
+    figure, named = make_subplots(1, len(SYSTEMS), subplot_titles=SYSTEMS, shared_yaxes=True), set[str]()
     for c, system in enumerate(SYSTEMS, 1):
         for colour, preset in zip(COLOURS, (*ABLATIONS, *OPTIMISERS), strict=True):
             found = [r for r in chosen(results, system, preset) if "curve" in r]
@@ -69,7 +69,8 @@ def _curves(results: Sequence[Result]) -> go.Figure:
                 **band, fill="toself", opacity=0.15, hoverinfo="skip", showlegend=False, mode="none",
                 fillcolor=colour, legendgroup=preset, row=1, col=c,
             )  # fmt: skip
-            first = not any(trace.name == TITLES[preset] for trace in figure.data)
+            first = preset not in named
+            named.add(preset)
             figure.add_scatter(x=frames, y=curve["mean"], name=TITLES[preset], showlegend=first, **group, row=1, col=c)
             figure.add_hline(y=curve["epsilon"], line={"dash": "dot", "color": "#999"}, row=1, col=c)  # pyright: ignore
     figure.update_yaxes(type="log", exponentformat="power", col=1, title="mean squared error")

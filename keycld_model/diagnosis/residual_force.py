@@ -233,4 +233,5 @@ class _Normal:
 def _factored(matrix: Array) -> tuple[Array, Array]:
     """L and s with matrix = diag(s) L L' diag(s) up to rounding, which stiff stops lift above the priors."""
     scale = np.sqrt(np.diag(matrix))
-    return np.linalg.cholesky(matrix / np.outer(scale, scale) + ROUNDING * np.eye(len(matrix))), scale
+    low = np.linalg.cholesky(matrix / np.outer(scale, scale) + ROUNDING * np.eye(len(matrix)))
+    return np.asarray(low, np.float64), scale

@@ -31,28 +31,30 @@ class Devices:
 
     @property
     def everywhere(self) -> NamedSharding | None:
-        """The same on all devices."""
+        """The same on all devices; None where there is one."""
         return None if self.mesh is None else NamedSharding(self.mesh, PartitionSpec())
 
     def replicate(self, tree: Tree) -> Tree:
         """Arrays, the same on all devices."""
-        return tree if self.mesh is None else jax.tree.map(lambda a: _place(a, self.everywhere), tree)
+        same = self.everywhere
+        return tree if same is None else jax.tree.map(lambda a: _place(a, same), tree)
 
     def divide(self, batch: Tree) -> Tree:
         """Arrays, by their first dimension; those that do not divide evenly are the same on all devices."""
-        if self.mesh is None:
+        same = self.everywhere
+        if self.mesh is None or same is None:
             return batch
         parted = NamedSharding(self.mesh, PartitionSpec("batch"))
         shapes = jax.tree.map(np.shape, batch)
         even = all(shape and shape[0] % self.number == 0 for shape in jax.tree.leaves(shapes, is_leaf=_is_shape))
-        return jax.tree.map(lambda a: _place(a, parted if even else self.everywhere), batch)
+        return jax.tree.map(lambda a: _place(a, parted if even else same), batch)
 
     def gather(self, tree: Tree) -> Tree:
         """Replicated arrays, on this process's own first device."""
         return tree if self.mesh is None else jax.tree.map(lambda a: jnp.asarray(np.asarray(a)), tree)
 
 
-def _place(array: Any, sharding: NamedSharding | None) -> jax.Array:
+def _place(array: Any, sharding: NamedSharding) -> jax.Array:
     """Each process puts down what its own devices hold."""
     host = np.asarray(array)
     return jax.make_array_from_callback(host.shape, sharding, lambda index: host[index])

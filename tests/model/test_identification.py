@@ -77,7 +77,7 @@ def test_masses_and_their_places_are_found(mechanism, masses, guess):
     wrong["dynamics"]["level"] = level.mean(axis=0)
     found = identify(parts, wrong, seen, actions, iterations=20)
     found = identify(parts, found, seen, actions, iterations=20, sparse=True)
-    model = parts.dynamics(found)
+    model = parts.lagrangian(found)
     assert float(jnp.exp(found["rod_scale"][1])) == pytest.approx(SCALE, rel=0.03)
     np.testing.assert_allclose(model.masses, masses, atol=0.02)
     assert float(jnp.sum(model.masses)) == pytest.approx(1, abs=1e-5)
@@ -116,7 +116,7 @@ def test_sequences_that_diverge_do_no_harm_and_masses_can_be_held_in_place():
     start["dynamics"] = {**right["dynamics"], "log_masses": jnp.zeros(2)}
     found = identify(parts, start, seen, actions, iterations=5, slide=False)
     np.testing.assert_array_equal(found["rod_scale"], right["rod_scale"])
-    np.testing.assert_allclose(parts.dynamics(found).masses, (0.6, 0.4), atol=0.02)
+    np.testing.assert_allclose(parts.lagrangian(found).masses, (0.6, 0.4), atol=0.02)
 
 
 def test_if_all_diverge_nothing_changes():
