@@ -199,7 +199,7 @@ def test_settings_that_cannot_be_used(tmp_path):
             train(**(settings | change))
         assert not (tmp_path / "out").exists()
 
-    refused("default, paper", preset="papr")
+    refused("default, nc, node2", preset="papr")
     refused("seed", seed=-1)
     refused("validation", validation=1.5)
     refused("validation", validation=float("nan"))
