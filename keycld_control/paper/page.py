@@ -36,7 +36,8 @@ $body
 def write_report(out: Path, results: Sequence[Result]) -> None:
     """Write report.html and report.md from what has been measured so far."""
     made = tables(results)
-    about = f"{len(results)} model{'s' if len(results) != 1 else ''} measured: {_number(results)}. Written by <code>keycld paper</code>."
+    number = f"{len(results)} model{'s' if len(results) != 1 else ''}"
+    about = f"{number} measured: {_number(results)}. Written by <code>keycld paper</code>."
     body = [_table(table) for table in made]
     body += [_figure(title, figure) for title, figure in figures(results)]
     body += list(_strips(out, results))
