@@ -73,10 +73,7 @@ def measure(args: Args, name: str) -> dict[str, Any]:
     if done.is_file():
         return json.loads(done.read_text(encoding="utf-8"))
     dataset, system, preset = read_dataset(args.data), resolve_env_id(args.system), VARIANTS[name]
-    sequences = dataset.sequences()
-    shape = sequences.frames.shape[2], sequences.frames.shape[3]
-    mechanism = system_of(system).mechanism
-    config = ModelConfig(mechanism, round(sequences.timestep, 9), shape, system, preset.networks)
+    config = ModelConfig.of(dataset, system_of(system).mechanism, system, preset.networks)
     start = time.monotonic()
     row: dict[str, Any] = {"row": name}
     try:

@@ -6,6 +6,7 @@ from typing import Any, Literal, get_args
 
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
+from keycld_envs.recordings import Dataset
 
 Motion = Literal["constrained", "unconstrained", "acceleration"]
 Images = Literal["convolutional", "fully_connected"]
@@ -108,6 +109,13 @@ class ModelConfig:
             )
         if not self.timestep > 0:
             raise InputError(f"timestep is {self.timestep}; it must be positive, in seconds between frames.")
+
+    @classmethod
+    def of(cls, dataset: Dataset, mechanism: Mechanism, system: str | None, networks: NetworkConfig) -> "ModelConfig":
+        """For recordings: their frame rate and image size."""
+        sequences = dataset.sequences()
+        height, width = sequences.frames.shape[2:4]
+        return cls(mechanism, round(sequences.timestep, 9), (height, width), system, networks)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-compatible data, the inverse of `from_dict`."""

@@ -58,14 +58,7 @@ def run(args: Args) -> None:
     dataset = read_dataset(args.data)
     if name is not None and dataset.system is not None and dataset.system != name:
         raise InputError(f"{args.data} records {dataset.system}, not {name}; name the system that was recorded.")
-    sequences = dataset.sequences()
-    config = ModelConfig(
-        mechanism=mechanism,
-        timestep=round(sequences.timestep, 9),
-        image_shape=(sequences.frames.shape[2], sequences.frames.shape[3]),
-        system=name,
-        networks=PRESETS[args.preset].networks,
-    )
+    config = ModelConfig.of(dataset, mechanism, name, PRESETS[args.preset].networks)
     result = train(dataset, config, args.out, args.preset, args.seed, args.validation)
     summary = {
         "system": name,

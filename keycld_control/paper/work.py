@@ -1,7 +1,7 @@
 """Trains, or loads, and measures; every piece of work leaves a file, so that nothing is done twice."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from keycld_control.paper.recordings import recordings
 from keycld_control.paper.strips import write_strip
 from keycld_control.plain_json import write_json
 from keycld_envs import resolve_env_id, system_of
+from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Dataset
 from keycld_envs.workers import each
@@ -68,24 +69,26 @@ def one(work: Work, training: Training) -> None:
     except TrainingError as error:  # keypoints that collapse are a result, too
         write_json(work.result(training), result | {"failure": str(error)})
         return
-    test = recordings(work.out / "data", training.system, "test", work.data_seed)
+    load = partial(recordings, work.out / "data", training.system, seed=work.data_seed)
+    test = load("test")
     write_strip(work.out / "strips" / f"{training.name}.png", model, test)
-    write_json(work.result(training), result | {"training_s": seconds} | measured(work, training, model))
-
-
-def measured(work: Work, training: Training, model: WorldModel) -> dict[str, Any]:
-    """Figures of a model: all of the default's first seed, else those of the paper's table."""
-    data = partial(recordings, work.out / "data", training.system, seed=work.data_seed)
-    test = data("test")
-    out: dict[str, Any] = {"table": table_row(model, test), "curve": curve(model, test)}
+    result |= {"training_s": seconds, "table": table_row(model, test), "curve": curve(model, test)}
     if model.config.networks.motion == "constrained":
-        out |= {"potential": potential(model, training.system), "mass_ratio": mass_ratio(model, training.system)}
+        result |= {"potential": potential(model, training.system), "mass_ratio": mass_ratio(model, training.system)}
     if training.preset == "default" and training.sequences == WHOLE:
-        out["angles"] = {part: angle_table(model, data(part), 50) for part in ("test", "varying", "moving")}
-        out["varying"] = {part: curve(model, data(part)) for part in ("varying", "moving")}
-        out["integrators"] = drift(model, test)
-        out["long"] = beyond(model, training.system, data("long"))
-    return out
+        result |= of_default(model, training.system, test, load)
+    write_json(work.result(training), result)
+
+
+def of_default(model: WorldModel, system: str, test: Dataset, load: Callable[[str], Dataset]) -> dict[str, Any]:
+    """Figures that only the default's models have, from other data sets too."""
+    varying = {part: load(part) for part in ("varying", "moving")}
+    return {
+        "angles": {part: angle_table(model, data, 50) for part, data in {"test": test, **varying}.items()},
+        "varying": {part: curve(model, data) for part, data in varying.items()},
+        "integrators": drift(model, test),
+        "long": beyond(model, system, load("long")),
+    }
 
 
 def _model(work: Work, training: Training) -> tuple[WorldModel, float | None]:
@@ -95,7 +98,7 @@ def _model(work: Work, training: Training) -> tuple[WorldModel, float | None]:
     dataset = recordings(work.out / "data", training.system, "training", work.data_seed)
     dataset = replace(dataset, recordings=dataset.recordings[: training.recordings])
     preset, name = PRESETS[training.preset], resolve_env_id(training.system)
-    config = _config(dataset, name, preset.networks)
+    config = ModelConfig.of(dataset, system_of(name).mechanism, name, preset.networks)
     result = train(dataset, config, work.out / "models" / training.name, training.preset, training.seed)
     return WorldModel.load(result.folder), result.seconds
 
@@ -110,12 +113,20 @@ def _loaded(work: Work, training: Training) -> WorldModel | None:
     return model if made == (training.preset, training.seed, work.data_seed) else None
 
 
-def _config(dataset: Dataset, name: str, networks: Any) -> ModelConfig:
-    sequences = dataset.sequences()
-    height, width = sequences.frames.shape[2:4]
-    return ModelConfig(system_of(name).mechanism, round(sequences.timestep, 9), (height, width), name, networks)
-
-
 def results(out: Path) -> list[dict[str, Any]]:
-    """All figures that are there, in order of their names."""
-    return [json.loads(path.read_text(encoding="utf-8")) for path in sorted((out / "results").glob("*.json"))]
+    """All figures that are there, in order of their names.
+
+    Raises:
+        InputError: if a file is damaged or of another version.
+    """
+    found = []
+    for path in sorted((out / "results").glob("*.json")):
+        try:
+            result = json.loads(path.read_text(encoding="utf-8"))
+            schema = result["schema"]
+        except (ValueError, LookupError, TypeError) as error:
+            raise InputError(f"{path} is damaged ({error}); remove it, and its model is measured again.") from error
+        if schema != SCHEMA:
+            raise InputError(f"{path} has schema {schema!r}, this version reads {SCHEMA!r}; remove it.")
+        found.append(result)
+    return found

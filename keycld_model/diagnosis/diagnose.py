@@ -307,7 +307,8 @@ def _explain(refitted: Fit, recordings: Sequence[Recording], effects: Sequence[E
         return _explain(finer[0], recordings, finer[1].effects)
     if significant(best.fit).max() > 0:
         smooth = fit_residual_force(refitted)
-    if significant(smooth).max() > 0 if smooth else spiked(best.fit):
+    spoiled = spiked(best.fit) if smooth is None else significant(smooth).max() > 0
+    if spoiled:
         for fit in (refitted, best.fit):
             start = pushed(fit) if concentrated(fit) else fit
             if not start.point.variant.pulses:

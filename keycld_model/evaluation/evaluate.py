@@ -10,7 +10,7 @@ from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Dataset
 from keycld_model.evaluation.joint_coordinates import circular_r2, joint_angles, linear_r2, slider_positions
-from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, valid_frames
+from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, threshold, valid_frames
 from keycld_model.world_model import CONTEXT_FRAMES, WorldModel
 
 
@@ -82,7 +82,7 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
             f"{dataset.folder} has a frame every {stacked.timestep:g} s, {model.name} was trained on "
             f"{model.timestep:g} s; record at that rate."
         )
-    epsilon = meta.get("epsilon") or static_error(stacked.frames)
+    epsilon = threshold(model, stacked.frames)
     errors = prediction_errors(model, stacked.frames, stacked.actions, context)
     fractions = valid_frames(errors, epsilon) / t
     keypoints = model.keypoints(stacked.frames)

@@ -42,12 +42,27 @@ def prediction_errors(
         context: frames the prediction starts from; the prediction covers them too.
         refine: fit the initial state to the pixels, not only to the keypoints.
     """
-    positions, _ = model.rollout(frames[:, :context], actions, refine)
+    return frame_errors(model, model.rollout(frames[:, :context], actions, refine)[0], frames)
+
+
+def frame_errors(model: WorldModel, positions: NDArray[np.floating], frames: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Mean squared error [N, T] of frames drawn of predicted keypoints.
+
+    Args:
+        model: the world model.
+        positions: [N, T, K, 2], image units.
+        frames: [N, T, H, W, 3] uint8, the truth.
+    """
     errors = np.empty(frames.shape[:2])
     for i, sequence in enumerate(frames):
         predicted = model.render(positions[i])
         errors[i] = ((predicted - sequence.astype(np.float32) / 255.0) ** 2).mean(axis=(1, 2, 3))
     return errors
+
+
+def threshold(model: WorldModel, frames: NDArray[np.uint8]) -> float:
+    """epsilon of a model's training data; of these frames, if the model does not know it."""
+    return (model.meta or {}).get("epsilon") or static_error(frames)
 
 
 def valid_frames(errors: NDArray[np.floating], epsilon: float) -> NDArray[np.int64]:

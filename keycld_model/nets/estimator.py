@@ -48,7 +48,7 @@ class KeypointEstimator(nnx.Module):
         """Logits `[B, H/f, W/f, K]` of where each keypoint is, from images `[B, H, W, 3]` in 0 to 1."""
         if self.background is None:
             return self.hourglass(fold(images, self.folding))
-        difference = fold(CONTRAST * (images - jax.lax.stop_gradient(self.background[...])), self.folding)
+        difference = fold(contrast(images, self.background[...]), self.folding)
         salient = blur(jnp.mean(difference**2, axis=-1, keepdims=True))
         salient = salient / (jnp.max(salient, axis=(1, 2), keepdims=True) + 1e-6)
         return self.hourglass(difference) + self.saliency * jax.lax.stop_gradient(salient)
@@ -60,6 +60,11 @@ class KeypointEstimator(nnx.Module):
         probability = jax.nn.softmax(logits.reshape(b, h * w, k), axis=1)
         cells = grid(h * self.folding, w * self.folding, self.folding).reshape(h * w, 2)
         return jnp.einsum("bpk,pd->bkd", probability, cells)
+
+
+def contrast(images: Array, background: Array) -> Array:
+    """Differences `[B, H, W, C]` to the mean frame `[H, W, C]`, of unit order; they do not teach the background."""
+    return CONTRAST * (images - jax.lax.stop_gradient(background))
 
 
 def blur(x: Array, size: int = 5) -> Array:

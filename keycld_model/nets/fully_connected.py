@@ -6,12 +6,11 @@ neither knows where in the image a keypoint is.
 
 from itertools import pairwise
 
-import jax
 import jax.numpy as jnp
 from flax import nnx
 from jax import Array
 
-from keycld_model.nets.estimator import CONTRAST
+from keycld_model.nets.estimator import contrast
 from keycld_model.nets.hourglass import Block, double, fold, halve, unfold
 
 LEVELS = (1, 2, 4, 8)
@@ -54,7 +53,7 @@ class FullyConnectedEstimator(nnx.Module):
     def __call__(self, images: Array) -> Array:
         """Keypoints `[B, K, 2]`, image units, from images `[B, H, W, 3]` in 0 to 1."""
         if self.background is not None:
-            images = CONTRAST * (images - jax.lax.stop_gradient(self.background[...]))
+            images = contrast(images, self.background[...])
         x = fold(images, self.folding)
         for block in (self.first, self.second, self.third, self.fourth):
             x = halve(block(x))

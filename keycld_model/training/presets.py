@@ -49,6 +49,9 @@ DEFAULT = Preset(
     ),
 )
 
+JOINT = Joint(steps=45_000, batch=1, learning_rate=3e-4)
+"""The paper's table 2."""
+
 
 def with_networks(preset: Preset, **changes: Any) -> Preset:
     """The same recipe for other networks; where few numbers no longer describe the motion, gradient descent fits it."""
@@ -72,9 +75,9 @@ PRESETS: dict[str, Preset] = {
     "nc": with_networks(DEFAULT, motion="unconstrained"),
     "node2": with_networks(DEFAULT, motion="acceleration"),
     "fc": with_networks(DEFAULT, images="fully_connected"),
-    "joint": replace(DEFAULT, stages=(Joint(steps=6000, batch=1, learning_rate=3e-4),)),
-    "joint-sign": replace(DEFAULT, stages=(Joint(steps=6000, batch=1, learning_rate=3e-4, forgetful=True),)),
-    "paper": Preset(PAPER_NETWORKS, (Joint(steps=45_000, batch=1, learning_rate=3e-4),)),
+    "joint": replace(DEFAULT, stages=(replace(JOINT, steps=6000),)),
+    "joint-sign": replace(DEFAULT, stages=(replace(JOINT, steps=6000, forgetful=True),)),
+    "paper": Preset(PAPER_NETWORKS, (JOINT,)),
 }
 """`default` trains in minutes on two CPU cores. `nc`, `node2` and `fc` are the paper's ablations: `default` with one
 field of its networks changed. `joint` is the paper's loss and optimiser on the default networks, `joint-sign` the same

@@ -45,8 +45,7 @@ class Devices:
         if self.mesh is None or same is None:
             return batch
         parted = NamedSharding(self.mesh, PartitionSpec("batch"))
-        shapes = jax.tree.map(np.shape, batch)
-        even = all(shape and shape[0] % self.number == 0 for shape in jax.tree.leaves(shapes, is_leaf=_is_shape))
+        even = all(np.ndim(a) and len(a) % self.number == 0 for a in jax.tree.leaves(batch))
         return jax.tree.map(lambda a: _place(a, parted if even else same), batch)
 
     def gather(self, tree: Tree) -> Tree:
@@ -58,7 +57,3 @@ def _place(array: Any, sharding: NamedSharding) -> jax.Array:
     """Each process puts down what its own devices hold."""
     host = np.asarray(array)
     return jax.make_array_from_callback(host.shape, sharding, lambda index: host[index])
-
-
-def _is_shape(node: Any) -> bool:
-    return isinstance(node, tuple)

@@ -142,6 +142,15 @@ def test_work_is_not_done_twice(report, monkeypatch):
     assert done == wanted[1:]
 
 
+def test_damaged_figures_are_told(report, capsys):
+    path = report / "results" / "pendulum-nc-0.json"
+    for text, told in (("{", "is damaged"), ("[]", "is damaged"), ('{"schema": "keycld.paper/9"}', "keycld.paper/9")):
+        path.write_text(text)
+        assert main(["paper", "--out", str(report), "--only-report"]) == 2
+        error = capsys.readouterr().err
+        assert str(path) in error and told in error
+
+
 def test_what_cannot_be_made_is_told(tmp_path, capsys):
     for words, told in {
         ("--seeds", "0"): "seeds is 0",

@@ -7,7 +7,7 @@ import numpy as np
 from keycld_envs.recordings import Dataset
 from keycld_envs.recordings.dataset import Sequences
 from keycld_model import WorldModel
-from keycld_model.evaluation import evaluate, prediction_errors, static_error, valid_frames
+from keycld_model.evaluation import evaluate, prediction_errors, threshold, valid_frames
 from keycld_model.world_model import CONTEXT_FRAMES
 
 BAND = (10, 90)
@@ -50,7 +50,7 @@ def curve(model: WorldModel, test: Dataset, frames: int = 50, context: int = CON
     """
     stacked = beginning(test, frames)
     errors = prediction_errors(model, stacked.frames, stacked.actions, context)
-    epsilon = (model.meta or {}).get("epsilon") or static_error(stacked.frames)
+    epsilon = threshold(model, stacked.frames)
     valid = valid_frames(errors, epsilon)
     low, high = np.percentile(errors, BAND, axis=0)
     return {

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from keycld_control.paper.measures.angles import WRONG, decode, hinge_errors
 from keycld_control.paper.measures.frames import beginning
+from keycld_control.paper.measures.plant import energy
 from keycld_envs import get_system
 from keycld_envs.recordings import Dataset
 from keycld_model import WorldModel
-from keycld_model.evaluation import static_error, valid_frames
+from keycld_model.evaluation import frame_errors, threshold, valid_frames
 from keycld_model.world_model import CONTEXT_FRAMES
 
 LENGTHS = {"pendulum": 0.5, "cartpole": 0.71394, "acrobot": 1.0}
@@ -19,7 +20,6 @@ LENGTHS = {"pendulum": 0.5, "cartpole": 0.71394, "acrobot": 1.0}
 NATURAL = (10, 50)
 FRAMES = (500, 1000)
 GRAVITY = 9.81
-CHUNK = 64
 
 
 def natural_frames(system: str, times: float) -> int:
@@ -44,8 +44,7 @@ def beyond(model: WorldModel, system: str, test: Dataset) -> dict[str, Any]:
     lengths = {**{f"{n} frames": n for n in FRAMES}, **{f"{n} T": natural_frames(system, n) for n in NATURAL}}
     stacked = beginning(test, max(lengths.values()))
     positions, _ = model.rollout(stacked.frames[:, :CONTEXT_FRAMES], stacked.actions)
-    errors = np.stack([_frame_errors(model, x, f) for x, f in zip(positions, stacked.frames, strict=True)])
-    epsilon = (model.meta or {}).get("epsilon") or static_error(stacked.frames)
+    errors, epsilon = frame_errors(model, positions, stacked.frames), threshold(model, stacked.frames)
     decoded = decode(model, positions, stacked)
     angles = hinge_errors(model, decoded, stacked)
     out: dict[str, Any] = {}
@@ -67,36 +66,15 @@ def beyond(model: WorldModel, system: str, test: Dataset) -> dict[str, Any]:
     }
 
 
-def _frame_errors(model: WorldModel, positions: NDArray[np.floating], frames: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Mean squared error `[T]` of drawn frames."""
-    out = np.empty(len(frames))
-    for i in range(0, len(frames), CHUNK):
-        drawn = model.render(positions[i : i + CHUNK])
-        truth = frames[i : i + CHUNK].astype(np.float32) / 255
-        out[i : i + CHUNK] = ((drawn - truth) ** 2).mean(axis=(1, 2, 3))
-    return out
-
-
 def _energy_changes(system: str, joints: NDArray[np.floating], timestep: float) -> list[float]:
     """Of trajectories `[N, T, nq]`."""
     plant = get_system(system).compile()
     data = mujoco.MjData(plant)
     poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (500, plant.nq))
-    size = np.ptp([_energy(plant, data, q, np.zeros(plant.nv))[1] for q in poses])
+    size = np.ptp([energy(plant, data, q)[1] for q in poses])
     changes = []
     for path in joints:
         speeds = np.gradient(path, timestep, axis=0)
-        total = [sum(_energy(plant, data, q, v)) for q, v in zip(path[1:-1], speeds[1:-1], strict=True)]
+        total = [sum(energy(plant, data, q, v)) for q, v in zip(path[1:-1], speeds[1:-1], strict=True)]
         changes.append(float(np.abs(np.array(total) - total[0]).max() / size))
     return changes
-
-
-def _energy(
-    plant: mujoco.MjModel, data: mujoco.MjData, qpos: NDArray[np.floating], qvel: NDArray[np.floating]
-) -> tuple[float, float]:
-    """Kinetic and potential, J."""
-    data.qpos[:], data.qvel[:] = qpos, qvel
-    mujoco.mj_forward(plant, data)
-    mujoco.mj_energyPos(plant, data)
-    mujoco.mj_energyVel(plant, data)
-    return float(data.energy[1]), float(data.energy[0])

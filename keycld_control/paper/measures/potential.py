@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_control.paper.measures.plant import energy
 from keycld_envs import KeyCLDEnv
 from keycld_model import WorldModel
 
@@ -61,10 +62,11 @@ def potential(model: WorldModel, system: str) -> list[dict[str, Any]]:
     """
     sweeps, true, learned = SWEEPS[system], [], []
     with closing(KeyCLDEnv(system)) as env:
+        data = mujoco.MjData(env.model)
         for sweep in sweeps:
             poses = sweep.poses()
             learned.append(model.potential_energy(model.keypoints(np.stack([env.render_qpos(q) for q in poses]))))
-            true.append(np.array([_potential(env.model, q) for q in poses]))
+            true.append(np.array([energy(env.model, data, q)[1] for q in poses]))
     scale = _scale(learned, true)
     widest = max(np.ptp(t) for t in true)
     out = []
@@ -91,13 +93,3 @@ def _scale(learned: list[NDArray[np.floating]], true: list[NDArray[np.float64]])
     v = np.concatenate([v - v.mean() for v in learned])
     t = np.concatenate([t - t.mean() for t in true])
     return float(v @ t / (v @ v))
-
-
-def _potential(model: mujoco.MjModel, qpos: NDArray[np.float64]) -> float:
-    """J."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_energyPos(model, data)
-    return float(data.energy[0])
