@@ -222,6 +222,11 @@ class TransmissionEffect(ActuatorEffect):
     def rotor(self) -> float:
         """Its inertia, kg m^2."""
 
+    @property
+    def play(self) -> float:
+        """How far it runs free to each side, rad."""
+        return 0.0
+
     @classmethod
     @abstractmethod
     def starts(cls, where: str, inertia: float) -> Iterator[Self]:

@@ -32,7 +32,7 @@ from keycld_model.diagnosis.prepare import SAMPLES, accurate_step, split, thin
 from keycld_model.diagnosis.pulses import concentrated, paid, pushed, spiked
 from keycld_model.diagnosis.report import Finding, FitErrors, Report, Unexplained, Verdict
 from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force, lengthened, residual_force_of
-from keycld_model.diagnosis.search import LARGEST, Scored, Search, misfit
+from keycld_model.diagnosis.search import LARGEST, Scored, Search, misfit, penalty
 from keycld_model.diagnosis.simulator import Simulator
 from keycld_model.diagnosis.windows import cut
 
@@ -266,14 +266,20 @@ def _accurate(refitted: Fit, recordings: Sequence[Recording]) -> Fit:
     return refitted
 
 
-def _finer(refitted: Fit, best: Fit, recordings: Sequence[Recording]) -> tuple[Fit, Fit] | None:
-    """Two fits with steps half as long, if the best explains more with them: stiff springs, stops, rotors."""
-    temper, simulator = misfit(best), best.problem.simulator
-    if coarseness(best, recordings) < DOUBTFUL * temper:
+def _finer(refitted: Fit, search: Search, best: Scored, recordings: Sequence[Recording]) -> tuple[Fit, Fit] | None:
+    """Two fits with steps half as long, if the best explains more with them, or a set like it does.
+
+    Stiff springs, stops and rotors need them, and what differs by what happens within a step: a lag, and a delay.
+    """
+    temper, simulator, alike = misfit(best.fit), best.fit.problem.simulator, search.alike(best)
+    if not alike and coarseness(best.fit, recordings) < DOUBTFUL * temper:
         return None
-    problem = _problem(simulator.with_step(simulator.step / 2), recordings, best.problem.noise)
-    fine = problem.minimise(replay(problem, best).point)
-    if fine.cost > best.cost - DOUBTFUL * temper:
+    problem = _problem(simulator.with_step(simulator.step / 2), recordings, best.fit.problem.noise)
+    fine, *others = (problem.minimise(replay(problem, s.fit).point) for s in (best, *alike))
+    worth = [fit.cost / temper + penalty(fit) for fit in (fine, *others)]
+    if min(worth) < worth[0] - DOUBTFUL:
+        fine = others[int(np.argmin(worth)) - 1]
+    elif fine.cost > best.fit.cost - DOUBTFUL * temper:
         return None
     return problem.minimise(replay(problem, refitted).point, iterations=15), fine
 
@@ -303,7 +309,7 @@ def _explain(refitted: Fit, recordings: Sequence[Recording], effects: Sequence[E
     search = Search(refitted.problem, EXCLUDED)
     best, smooth = search.run(refitted.point, effects), None
     coarse = not refitted.problem.simulator.own and not effects
-    if coarse and best.fit.effects and (finer := _finer(refitted, best.fit, recordings)):
+    if coarse and best.fit.effects and (finer := _finer(refitted, search, best, recordings)):
         return _explain(finer[0], recordings, finer[1].effects)
     if significant(best.fit).max() > 0:
         smooth = fit_residual_force(refitted)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect, Parameter
-from keycld_model.diagnosis.simulator import Simulator, Variant, unsettled, usual_forces
+from keycld_envs.effects.base import TransmissionEffect
+from keycld_model.diagnosis.simulator import Simulator, Variant, rotors, unsettled, usual_forces
 from keycld_model.diagnosis.windows import Windows
 
 Array = NDArray[np.float64]
@@ -25,6 +26,10 @@ STALE = 0.2
 """Share of the last gain from which on old derivatives are good enough for another step."""
 DIVERGED = 1e5
 """Standard deviations that a rollout which diverges is off, and others at most."""
+PLACES = (-2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0)
+"""Where else in its play a rotor may be, in halves of it."""
+JUMP_STEP = 1e-3
+"""The same to jumps of rotors, in standard deviations expected of them."""
 OUTLIER = 4.0
 """Deviation, in standard deviations of the noise, from which the cost of a window's sample grows linearly."""
 
@@ -45,11 +50,22 @@ class Point:
 
     def take(self, index: NDArray[np.int64]) -> "Point":
         """Some of the windows."""
-        return replace(self, q=self.q[index], v=self.v[index])
+        return replace(self, q=self.q[index], v=self.v[index]).jumping(
+            None if self.variant.jumps is None else self.variant.jumps[index]
+        )
+
+    def jumping(self, jumps: Array | None) -> "Point":
+        """With these jumps of rotors at the starts of windows, `[W, J]`."""
+        return replace(self, variant=replace(self.variant, jumps=jumps))
+
+    def loosened(self) -> "Point":
+        """With rotors that may jump, if there are any."""
+        spread = len(_jump_spreads(self.variant.effects))
+        return self if self.variant.jumps is not None or not spread else self.jumping(np.zeros((len(self.q), spread)))
 
     def with_effects(self, *effects: Effect) -> "Point":
         """With these effects instead."""
-        return replace(self, variant=replace(self.variant, effects=effects, starts=None))
+        return replace(self, variant=self.variant.with_effects(*effects))
 
 
 @dataclass(frozen=True)
@@ -77,7 +93,7 @@ class Linearisation:
 
     Attributes:
         residual: `[W, r]` measured minus predicted over noise; zero where missing.
-        states: `[W, r, 2nv]` minus its derivative with respect to initial positions and velocities.
+        states: `[W, r, 2nv + J]` minus its derivative with respect to initial positions, velocities, jumps of rotors.
         shared: `[W, r, p]` the same with respect to nuisances, then the effects' numbers, then what effects remember at
             the start of each recording.
     """
@@ -88,7 +104,7 @@ class Linearisation:
 
     @cached_property
     def basis(self) -> Array:
-        """`[W, r, 2nv]` orthonormal: what initial states can explain."""
+        """`[W, r, 2nv + J]` orthonormal: what initial states can explain."""
         return np.linalg.qr(self.states)[0]
 
     def outlier_weights(self) -> Array:
@@ -99,6 +115,14 @@ class Linearisation:
         """With rows weighted, `[W, r]`."""
         column = weights[..., None]
         return Linearisation(self.residual * weights, self.states * column, self.shared * column)
+
+    def anchored(self, jumps: Array, spreads: Array) -> "Linearisation":
+        """With J rows more, which hold jumps `[W, J]` near zero."""
+        (w, r, n), j, p = self.states.shape, len(spreads), self.shared.shape[2]
+        states = np.concatenate([self.states, np.zeros((w, j, n))], axis=1)
+        states[:, r:, n - j :] = np.diag(1 / spreads)
+        shared = np.concatenate([self.shared, np.zeros((w, j, p))], axis=1)
+        return Linearisation(np.concatenate([self.residual, -jumps / spreads], axis=1), states, shared)
 
     def project(self, columns: Array) -> Array:
         """What initial states cannot explain of columns `[W, r, k]`."""
@@ -148,12 +172,13 @@ class Problem:
         A window that diverges counts as `DIVERGED` everywhere.
         """
         q, v = np.stack([p.q for p in points]), np.stack([p.v for p in points])
-        predicted = self.simulator.simulate([points[0].variant], np.zeros(len(points), int), self.windows, q, v)
+        variants = [p.variant for p in points] if points[0].variant.jumps is not None else [points[0].variant]
+        predicted = self.simulator.simulate(variants, np.arange(len(points)) % len(variants), self.windows, q, v)
         return self.whiten(predicted[0] if len(points) == 1 else predicted)
 
     def costs(self, point: Point) -> Array:
         """What each window adds to the cost, `[W]`."""
-        return _huber(self.residual(point)).sum(axis=-1)
+        return _huber(self.residual(point)).sum(axis=-1) + _jump_costs(point)
 
     def cost(self, point: Point) -> float:
         """Minus the logarithm of the posterior, in nats, up to a constant."""
@@ -177,7 +202,7 @@ class Problem:
             The linearisation, and whitened residuals `[len(extra), W, r]` with the extra effects.
         """
         base, n = point.variant, len(self.simulator.nuisances)
-        numbers, spread, recordings = knobs(base.effects), unsettled(base.effects), len(self.windows.commands)
+        numbers, spread, recordings = knobs(base.effects), _start_spreads(base), len(self.windows.commands)
         variants, columns = [base], []
         for i, nuisance in enumerate(() if only_starts else self.simulator.nuisances):
             if nuisance.kind != "zero":
@@ -187,14 +212,14 @@ class Problem:
                 variants.append(replace(base, values=values))
         for k, knob in enumerate(() if only_starts else numbers):
             value = getattr(base.effects[knob.effect], knob.parameter.name)
-            step = _step(knob.parameter, value)
+            step = _step(knob.parameter, value, isinstance(base.effects[knob.effect], TransmissionEffect))
             columns.append((n + k, step))
             variants.append(replace(base, effects=turn(base.effects, knob, value + step)))
         for m in range(len(spread)):
             starts = _starts(base, recordings)
             starts[:, m] += 0.1 * spread[m]
             variants.append(replace(base, starts=starts))
-        variants += [replace(base, effects=effects, starts=None) for effects in extra]
+        variants += [base.with_effects(*effects) for effects in extra]
         residuals, states = self.roll(variants, point)
         here, known = residuals[0], 1 + len(columns)
         shared = np.zeros((*here.shape, n + len(numbers) + recordings * len(spread)))
@@ -213,17 +238,19 @@ class Problem:
         return Linearisation(here, states, shared), residuals[known + len(spread) :]
 
     def roll(self, variants: Sequence[Variant], point: Point) -> tuple[Array, Array]:
-        """Residuals `[V, W, r]` from the point's states, and minus the first's derivative to them, `[W, r, 2nv]`."""
-        nv = point.q.shape[1]
-        which = np.concatenate([np.arange(len(variants)), np.zeros(2 * nv, int)])
+        """Residuals `[V, W, r]` at the point's states, and minus the first's derivative to them, `[W, r, 2nv + J]`."""
+        nv, known, jumps = point.q.shape[1], len(variants), variants[0].jumps
+        spreads = np.zeros(0) if jumps is None else _jump_spreads(variants[0].effects)
+        moved = [replace(variants[0], jumps=jumps + row) for row in JUMP_STEP * np.diag(spreads)]
+        which = np.concatenate([np.arange(known), np.zeros(2 * nv, int), known + np.arange(len(moved))])
         q, v = (np.repeat(z[None], len(which), axis=0) for z in (point.q, point.v))
         for j in range(nv):
-            q[j - 2 * nv, :, j] += POSITION_STEP
-            v[j - nv, :, j] += VELOCITY_STEP
-        residuals = self.whiten(self.simulator.simulate(variants, which, self.windows, q, v))
-        steps = np.repeat([POSITION_STEP, VELOCITY_STEP], nv)[:, None, None]
-        states = (residuals[0] - residuals[-2 * nv :]) / steps
-        return residuals[: len(variants)], np.moveaxis(states, 0, -1)
+            q[known + j, :, j] += POSITION_STEP
+            v[known + nv + j, :, j] += VELOCITY_STEP
+        residuals = self.whiten(self.simulator.simulate([*variants, *moved], which, self.windows, q, v))
+        steps = np.concatenate([np.repeat([POSITION_STEP, VELOCITY_STEP], nv), JUMP_STEP * spreads])[:, None, None]
+        states = (residuals[0] - residuals[known:]) / steps
+        return residuals[:known], np.moveaxis(states, 0, -1)
 
     def responses(self, point: Point, joints: Sequence[int], bins: int) -> Array:
         """How residuals fall with a push at a joint during one of so many parts of each window.
@@ -259,10 +286,10 @@ class Problem:
             only_states: nuisances and effects stay; what these remember at the start of a recording does not.
         """
         variant, recordings = point.variant, len(self.windows.commands)
-        spread = np.tile(unsettled(variant.effects), recordings)
+        spread = np.tile(_start_spreads(variant), recordings)
         if len(spread) and variant.starts is None:
             point = replace(point, variant=replace(variant, starts=_starts(variant, recordings)))
-        cost, caution, gain = self.cost(point), 1e-6, np.inf
+        cost, caution, gain = self.cost(point), 1e-6 if variant.jumps is None else 1e-3, np.inf
         tolerance = max(TOLERANCE, share * (cost - self.expected))
         linear, fresh, n = None, False, len(self.spreads)
         begun = n + len(knobs(variant.effects))
@@ -272,14 +299,17 @@ class Problem:
                 (linear, _), fresh = self.linearise(point, only_starts=only_states), True
             else:  # derivatives change little
                 linear, fresh = replace(linear, residual=self.residual(point)), False
-            weighted = linear.weighted(linear.outlier_weights())
+            jumps = point.variant.jumps
+            held = linear if jumps is None else linear.anchored(jumps, _jump_spreads(variant.effects))
+            weighted = held.weighted(held.outlier_weights())
             shared = weighted.project(weighted.shared)
             residual = weighted.project(weighted.residual[..., None])[..., 0]
             hessian = np.tensordot(shared, shared, axes=([0, 1], [0, 1]))
             gradient = np.tensordot(shared, residual, axes=([0, 1], [0, 1]))
             hessian[np.arange(n), np.arange(n)] += self.spreads**-2
             gradient[:n] -= point.variant.values / self.spreads**2
-            if point.variant.starts is not None:
+            if len(spread):
+                assert point.variant.starts is not None
                 hessian[np.arange(begun, len(hessian)), np.arange(begun, len(hessian))] += spread**-2
                 gradient[begun:] -= point.variant.starts.ravel() / spread**2
             scale = np.diag(hessian) + 1e-9
@@ -290,7 +320,7 @@ class Problem:
                     np.linalg.lstsq(hessian + np.diag((caution + 1e-9) * scale), gradient, rcond=None)[0],
                     dtype=np.float64,
                 )
-                new, new_cost = self._best_states(self._moved(point, weighted, step), point)
+                new, new_cost = self._best_states(self._moved(point, weighted, step))
                 if new_cost < cost:
                     break
                 caution = max(caution, 1e-6) * 30
@@ -309,7 +339,8 @@ class Problem:
                 linear = None
         return Fit(self, point, cost, hessian)
 
-    def _moved(self, point: Point, linear: Linearisation, step: Array) -> Point:
+    def _moved(self, point: Point, linear: Linearisation, step: Array) -> list[Point]:
+        """After a step of shared numbers: with states fitted to it, states that only make up for it, and the old."""
         n, nv = len(self.spreads), point.q.shape[1]
         effects = list(point.variant.effects)
         step = step.copy()
@@ -319,20 +350,25 @@ class Problem:
             step[n + k] = new - old
             effects = list(turn(effects, knob, new))
         values, starts = point.variant.values + step[:n], point.variant.starts
-        if starts is not None:
+        if starts is not None and point.variant.jumps is None:
             starts = starts + step[n + len(knobs(effects)) :].reshape(starts.shape)
-        left = linear.residual - linear.shared @ step
-        states = np.stack([np.linalg.lstsq(a, b, rcond=1e-10)[0] for a, b in zip(linear.states, left, strict=True)])
         variant = replace(point.variant, values=values, effects=tuple(effects), starts=starts)
-        return Point(variant, point.q + states[:, :nv], point.v + states[:, nv:])
+        change = -linear.shared @ step
+        right = np.stack([linear.residual + change, change], axis=-1)
+        moves = np.stack([np.linalg.lstsq(a, b, rcond=1e-10)[0] for a, b in zip(linear.states, right, strict=True)])
+        out = []
+        for move in (moves[..., 0], moves[..., 1], np.zeros_like(moves[..., 0])):
+            jumps = None if point.variant.jumps is None else point.variant.jumps + move[:, 2 * nv :]
+            out.append(Point(variant, point.q + move[:, :nv], point.v + move[:, nv : 2 * nv]).jumping(jumps))
+        return out
 
-    def _best_states(self, new: Point, old: Point) -> tuple[Point, float]:
-        """With each window's states as they were, where that is better; and the cost."""
-        before = replace(old, variant=new.variant)
-        costs = _huber(self.residual(new, before)).sum(axis=-1)
-        keep = (costs[1] < costs[0])[:, None]
-        better = replace(new, q=np.where(keep, old.q, new.q), v=np.where(keep, old.v, new.v))
-        return better, float(costs.min(axis=0).sum()) + self._prior(new)
+    def _best_states(self, points: list[Point]) -> tuple[Point, float]:
+        """With the best of each window's states, all of the same numbers; and the cost."""
+        costs = _huber(self.residual(*points)).sum(axis=-1) + np.stack([_jump_costs(p) for p in points])
+        best = points[0]
+        for i, point in enumerate(points[1:], 1):
+            best = _mixed((costs[i] < costs[:i].min(axis=0))[:, None], point, best)
+        return best, float(costs.min(axis=0).sum()) + self._prior(best)
 
     def _settled(self, point: Point, cost: float) -> tuple[Point, float]:
         """With better states for windows that fit far worse than most: dry friction makes them hard to find."""
@@ -341,24 +377,36 @@ class Problem:
         bad = np.sort(worst[costs[worst] > FAR * np.median(costs)])
         if not len(bad):
             return point, cost
-        part = self.take(bad)
+        part, best, now = self.take(bad), point.take(bad), costs[bad]
+        spreads = _jump_spreads(point.variant.effects) if best.variant.jumps is not None else np.zeros(0)
         q, v = part.windows.initial_states()
-        best, now = point.take(bad), costs[bad]
-        caution = np.full(len(bad), 1e-3)
-        for attempt in range(SETTLING + 1):
-            if attempt:
-                residual, states = part.roll([point.variant], best)
+        jumps = best.variant.jumps
+        nv, caution, places = q.shape[1], np.full(len(bad), 1e-3), _places(best)
+        for attempt in range(len(places) + SETTLING + 1):
+            if attempt < len(places):
+                q, v, jumps = best.q, best.v, places[attempt]
+            elif attempt == len(places):
+                (q, v), jumps = part.windows.initial_states(), best.variant.jumps
+            else:
+                residual, states = part.roll([best.variant], best)
                 normal = np.einsum("wri,wrj->wij", states, states)
-                normal += (caution[:, None] * np.einsum("wii->wi", normal) + 1e-9)[..., None] * np.eye(2 * q.shape[1])
-                step = np.linalg.solve(normal, np.einsum("wri,wr->wi", states, residual[0])[..., None])[..., 0]
-                q, v = best.q + step[:, : q.shape[1]], best.v + step[:, q.shape[1] :]
-            tried = part.costs(Point(point.variant, q, v))
-            better = (tried < now)[:, None]
-            best = replace(best, q=np.where(better, q, best.q), v=np.where(better, v, best.v))
-            now, caution = np.minimum(now, tried), np.where(better[:, 0], caution / 5, caution * 10)
-        q, v = point.q.copy(), point.v.copy()
-        q[bad], v[bad] = best.q, best.v
-        return replace(point, q=q, v=v), cost + float((now - costs[bad]).sum())
+                right = np.einsum("wri,wr->wi", states, residual[0])
+                if best.variant.jumps is not None:
+                    normal[:, 2 * nv :, 2 * nv :] += np.diag(spreads**-2)
+                    right[:, 2 * nv :] -= best.variant.jumps / spreads**2
+                normal += (caution[:, None] * np.einsum("wii->wi", normal) + 1e-9)[..., None] * np.eye(normal.shape[1])
+                step = np.linalg.solve(normal, right[..., None])[..., 0]
+                q, v = best.q + step[:, :nv], best.v + step[:, nv : 2 * nv]
+                jumps = None if best.variant.jumps is None else best.variant.jumps + step[:, 2 * nv :]
+            tried = Point(best.variant, q, v).jumping(jumps)
+            then = part.costs(tried)
+            better = (then < now)[:, None]
+            best = _mixed(better, tried, best)
+            now, caution = np.minimum(now, then), np.where(better[:, 0], caution / 5, caution * 10)
+        everywhere = np.zeros(len(costs), dtype=int)
+        everywhere[bad] = np.arange(len(bad))
+        chosen = np.isin(np.arange(len(costs)), bad)[:, None]
+        return _mixed(chosen, best.take(everywhere), point), cost + float((now - costs[bad]).sum())
 
     def whiten(self, predicted: Array) -> Array:
         """Residuals `[..., W, r]` of predictions `[..., W, n, nv]`."""
@@ -393,7 +441,8 @@ class Fit:
     def chi_square(self) -> float:
         """Mean square of the whitened residuals per degree of freedom; one if only noise is left."""
         residual = self.problem.residual(self.point)
-        used = self.point.q.size * 2 + len(self.hessian)
+        jumps = self.point.variant.jumps
+        used = self.point.q.size * 2 + len(self.hessian) + (0 if jumps is None else jumps.size)
         return float(np.sum(residual**2) / max(1, self.problem.samples - used))
 
     @cached_property
@@ -417,15 +466,51 @@ class Fit:
         return np.sqrt(np.maximum(np.diag(covariance)[n : n + len(knobs(self.effects))], 0))
 
 
+def _mixed(first: NDArray[np.bool_], one: Point, other: Point) -> Point:
+    """States of windows from one point where `first`, `[W, 1]`, and from another elsewhere, whose numbers it has."""
+    a, b = one.variant.jumps, other.variant.jumps
+    jumps = None if a is None or b is None else np.where(first, a, b)
+    return replace(other, q=np.where(first, one.q, other.q), v=np.where(first, one.v, other.v)).jumping(jumps)
+
+
+def _places(point: Point) -> list[Array]:
+    """Jumps `[W, J]` that put rotors elsewhere in their play."""
+    out, jumps, at = [], point.variant.jumps, 0
+    for effect in rotors(point.variant.effects) if jumps is not None else ():
+        for share in PLACES:
+            moved = np.array(jumps)
+            moved[:, at] += share * effect.play
+            out += [moved] * (effect.play > 0)
+        at += effect.memory
+    return out
+
+
+def _jump_spreads(effects: Sequence[Effect]) -> Array:
+    """Standard deviations expected of jumps of rotors, `[J]`."""
+    return np.array([spread for effect in rotors(effects) for spread in effect.unsettled])
+
+
+def _jump_costs(point: Point) -> Array:
+    """What each window's jumps cost, `[W]`."""
+    if point.variant.jumps is None:
+        return np.zeros(len(point.q))
+    return 0.5 * np.sum((point.variant.jumps / _jump_spreads(point.variant.effects)) ** 2, axis=1)
+
+
+def _start_spreads(variant: Variant) -> Array:
+    """Standard deviations of what is fitted of the starts of recordings, `[M]`: nothing where rotors may jump."""
+    return unsettled(variant.effects) if variant.jumps is None else np.zeros(0)
+
+
 def _starts(variant: Variant, recordings: int) -> Array:
     """What effects remember at the start of each recording, `[R, M]`, a copy."""
     none = np.zeros((recordings, len(unsettled(variant.effects))))
     return none if variant.starts is None else variant.starts.copy()
 
 
-def _step(parameter: Parameter, value: float) -> float:
-    """Of a derivative; inwards where the bound is near."""
-    step = 0.02 * max(0.1 * parameter.scale, abs(value) * 0.5)
+def _step(parameter: Parameter, value: float, short: bool) -> float:
+    """Of a derivative; inwards where the bound is near; `short` for rotors, which swing fast."""
+    step = (0.001 if short else 0.02) * max(0.1 * parameter.scale, abs(value) * 0.5)
     return -step if value + step > parameter.high else step
 
 

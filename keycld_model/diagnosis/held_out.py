@@ -17,6 +17,8 @@ def replay(problem: Problem, fit: Fit, iterations: int = 8, pulses: tuple[Pulse,
     Where `pulses` of these recordings are given, they are taken as they are.
     """
     start = Point(replace(fit.point.variant.elsewhere(), pulses=pulses), *problem.windows.initial_states())
+    if fit.point.variant.jumps is not None:
+        start = start.loosened()
     tried = problem.minimise(start, iterations, only_states=True)
     joints = sorted({pulse.dof for pulse in fit.point.variant.pulses})
     return with_pulses(tried, joints, only_states=True) if joints and not pulses else tried

@@ -12,7 +12,7 @@ from keycld_envs.effects.base import TransmissionEffect
 from keycld_model.diagnosis.fit import Fit, Point, Problem, knobs
 from keycld_model.diagnosis.hypotheses import hypotheses
 from keycld_model.diagnosis.screening import promising
-from keycld_model.diagnosis.simulator import unsettled
+from keycld_model.diagnosis.simulator import rotors, unsettled
 
 Array = NDArray[np.float64]
 REFINED = {1: 4, 2: 3, 3: 2}
@@ -53,17 +53,26 @@ LATE: dict[str, dict[str, float]] = {
     "sensor_latency": {"d": 1.0},
 }
 """What comes late, and its numbers for 1 s."""
+LOOSENED = 6
+"""Gauss-Newton steps of states before numbers are fitted to them."""
+ALIKE, MOST_ALIKE = 50.0, 3
+"""Nats behind the best within which sets that differ from it by kin may be better with shorter steps, and how many of
+them are tried."""
 ROUNDS = 3
 """Times that the search starts again from the best set so far."""
 
 
-def penalty(effects: Sequence[Effect], problem: Problem) -> float:
+def penalty(fit: Fit) -> float:
     """Nats that a set of effects must gain to be worth its numbers (Schwarz, 1978).
 
-    What effects remember at the start of a recording fits noise, too.
+    What effects remember at the start of a recording fits noise, too, and so do jumps of rotors, by half a nat each;
+    two standard deviations more, for it is the best of many sets.
     """
-    starts = len(unsettled(effects)) * len(problem.windows.commands)
-    return 0.5 * np.log(problem.samples) * len(knobs(effects)) + 0.5 * starts
+    problem, jumps = fit.problem, fit.point.variant.jumps
+    price = 0.5 * np.log(problem.samples) * len(knobs(fit.effects))
+    if jumps is None:
+        return price + 0.5 * len(unsettled(fit.effects)) * len(problem.windows.commands)
+    return price + 0.5 * jumps.size + np.sqrt(2 * jumps.size)
 
 
 def misfit(fit: Fit) -> float:
@@ -211,9 +220,14 @@ class Search:
         kinds = {type(h.effect) for h in self.hypotheses if isinstance(h.effect, TransmissionEffect)}
         inertia = float(model.dof_M0[effect.dof(model)])
         starts = [start for kind in sorted(kinds, key=lambda k: k.id) for start in kind.starts(effect.where, inertia)]
-        glances = [fit.problem.minimise(fit.point.with_effects(*rest, start), GLANCE) for start in starts]
+        glances = [self._glance(fit, [*rest, start], fit.chi_square > NOISE) for start in starts]
         for glance in sorted(glances, key=lambda g: g.cost)[:FINALISTS]:
             self._refine(best.fit.point.with_effects(*glance.effects))
+
+    def _glance(self, fit: Fit, effects: Sequence[Effect], loose: bool) -> Fit:
+        """A few steps with other effects; with rotors that may jump if `loose`."""
+        point = fit.point.with_effects(*effects)
+        return fit.problem.minimise(_loosened(fit.problem, point) if loose else point, GLANCE)
 
     def _simplified(self, best: Scored) -> Scored:
         """With fewer numbers, or as many of fewer effects, if any set found on the way explains materially as much."""
@@ -234,7 +248,7 @@ class Search:
         glances = []
         for effects in sets:
             glance = fit.problem.minimise(fit.point.with_effects(*effects), GLANCE)
-            glances.append(Scored(glance, glance.cost + penalty(effects, fit.problem)))
+            glances.append(Scored(glance, glance.cost + penalty(glance)))
         glances.sort(key=_score)
         sizes = {len(s.fit.effects): s for s in reversed(glances)}  # the best of each
         chosen = {id(s): s for s in (*sizes.values(), *glances[:FINALISTS])}
@@ -264,15 +278,31 @@ class Search:
             ]
         return out
 
+    def alike(self, best: Scored) -> list[Scored]:
+        """Sets nearly as good as the best, with one effect's kin in its place: shorter steps may tell them apart."""
+        near = []
+        for s in self.found.values():
+            one, other = ({e.id for e in x.fit.effects if e.key in x.keys - y.keys} for x, y in ((best, s), (s, best)))
+            kindred = any(one | other <= set(kind) for kind in (DRY, LATE))
+            exchanged = len(s.keys) == len(best.keys) and len(s.keys - best.keys) == 1
+            if exchanged and kindred and s.score < best.score + ALIKE:
+                near.append(s)
+        return sorted(near, key=_score)[:MOST_ALIKE]
+
     def _refine(self, point: Point, thoroughly: bool = False) -> Scored:
-        fit = self.problem.minimise(point, 40) if thoroughly else self.problem.minimise(point, share=ROUGH)
-        scored = self._scored(fit)
+        scored = self._scored(self._minimised(point, thoroughly))
+        if rotors(point.variant.effects) and point.variant.jumps is None and scored.fit.chi_square > NOISE:
+            loose = self._minimised(_loosened(self.problem, scored.fit.point), thoroughly)
+            scored = min(scored, self._scored(loose), key=_score)
         if scored.keys not in self.found or scored.score < self.found[scored.keys].score:
             self.found[scored.keys] = scored
         return scored
 
+    def _minimised(self, point: Point, thoroughly: bool) -> Fit:
+        return self.problem.minimise(point, 40) if thoroughly else self.problem.minimise(point, share=ROUGH)
+
     def _scored(self, fit: Fit) -> Scored:
-        return Scored(fit, fit.cost / self.temper + penalty(fit.effects, self.problem))
+        return Scored(fit, fit.cost / self.temper + penalty(fit))
 
     def _pruned(self, best: Scored) -> Scored:
         """Without effects that are not worth their numbers."""
@@ -299,6 +329,11 @@ class Search:
         used = {e.key for e in fit.effects}
         free = [h for h in self.hypotheses if h.key not in used]
         yield from promising(fit, free, {size: number for size, number in REFINED.items() if size <= largest})
+
+
+def _loosened(problem: Problem, point: Point) -> Point:
+    """With rotors that may jump at the starts of windows, and states fitted to that."""
+    return problem.minimise(point.loosened(), LOOSENED, only_states=True).point
 
 
 def _score(scored: Scored) -> float:

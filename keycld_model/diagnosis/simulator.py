@@ -54,16 +54,35 @@ class Variant:
         effects: added physics.
         pulses: pushes from outside, in the recordings that are simulated.
         starts: `[R, M]` what effects remember at the start of each recording, beyond where they begin; see `unsettled`.
+        jumps: `[W, J]` what rotors do at the start of each window that is simulated, beyond what the recording before
+            it says; see `rotors`.
     """
 
     values: Array
     effects: tuple[Effect, ...] = ()
     pulses: tuple[Pulse, ...] = ()
     starts: Array | None = None
+    jumps: Array | None = None
 
     def elsewhere(self) -> "Variant":
         """On other recordings."""
-        return replace(self, pulses=(), starts=None)
+        return replace(self, pulses=(), starts=None, jumps=None)
+
+    def with_effects(self, *effects: Effect) -> "Variant":
+        """With these instead; rotors that stay are where they were."""
+        jumps = self.jumps
+        if jumps is not None:
+            here = {effect.key: self.jumps_of(effect, len(jumps)) for effect in rotors(self.effects)}
+            kept = [here.get(e.key, np.zeros((len(jumps), e.memory))) for e in rotors(effects)]
+            jumps = np.concatenate(kept, axis=1) if kept else None
+        return replace(self, effects=effects, starts=None, jumps=jumps)
+
+    def jumps_of(self, effect: Effect, windows: int) -> Array:
+        """Of one of the effects, `[W, memory]`."""
+        if self.jumps is None or not isinstance(effect, TransmissionEffect):
+            return np.zeros((windows, effect.memory))
+        first = sum(e.memory for e in itertools.takewhile(lambda e: e is not effect, rotors(self.effects)))
+        return self.jumps[:, first : first + effect.memory]
 
     def starts_of(self, effect: Effect, recordings: int) -> Array:
         """Of one of the effects, `[R, memory]`."""
@@ -77,6 +96,11 @@ class Variant:
 def unsettled(effects: Sequence[Effect]) -> Array:
     """Standard deviations of what effects remember at the start of a recording, `[M]`."""
     return np.array([spread for effect in effects for spread in effect.unsettled])
+
+
+def rotors(effects: Sequence[Effect]) -> list[TransmissionEffect]:
+    """Effects with one: it swings fast, and where it is follows only roughly from how the joint was seen to move."""
+    return [effect for effect in effects if isinstance(effect, TransmissionEffect)]
 
 
 class Simulator:
@@ -111,7 +135,7 @@ class Simulator:
         self._data = mujoco.MjData(self.model)
         self._models = ModelPool(self.model)
         self._mujoco = MujocoRollouts(self.model, threads)
-        self._fast = Mechanism.of(self.model) if compiled else None
+        self._fast = Mechanism.of(self.model, stops=not self.own) if compiled else None
 
     def with_step(self, step: float, compiled: bool = True) -> "Simulator":
         """The same with Runge-Kutta steps of so many seconds."""
@@ -313,7 +337,8 @@ class Simulator:
             starts = np.stack([variants[i].starts_of(pushing[i][e], motor.shape[2]) for i, e in at])
             path = memories(effects, motor, speeds[..., effects[0].dof(self.model)], starts, self.step)
             for row, (i, e) in enumerate(at):
-                out[i][e] = path[windows.first, row, windows.recording]
+                jumps = variants[i].jumps_of(pushing[i][e], len(windows))
+                out[i][e] = path[windows.first, row, windows.recording] + jumps
         return [Pushing(some, tuple(memory)) for some, memory in zip(pushing, out, strict=True)]
 
 
