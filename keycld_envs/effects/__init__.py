@@ -6,6 +6,7 @@ from keycld_envs.effects.actuator_gain import ActuatorGain
 from keycld_envs.effects.actuator_lag import ActuatorLag
 from keycld_envs.effects.actuator_saturation import ActuatorSaturation
 from keycld_envs.effects.added_inertia import AddedInertia
+from keycld_envs.effects.added_mass import AddedMass
 from keycld_envs.effects.asymmetric_friction import AsymmetricFriction
 from keycld_envs.effects.backlash import Backlash
 from keycld_envs.effects.base import Effect as Effect
@@ -42,6 +43,7 @@ EFFECTS: dict[str, type[Effect]] = {
         ActuatorLag,
         ActuatorSaturation,
         AddedInertia,
+        AddedMass,
         AsymmetricFriction,
         Backlash,
         BaseMotion,
@@ -67,7 +69,7 @@ EFFECTS: dict[str, type[Effect]] = {
         ViscousFriction,
     )
 }
-"""By file. Drifts of different parameters have one id."""
+"""By file. Drifts of different parameters have one id, and so have rotors and masses that are added."""
 
 
 def effect_class(id: str, kind: str) -> type[Effect] | None:

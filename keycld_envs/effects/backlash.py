@@ -37,9 +37,9 @@ class Backlash(TransmissionEffect):
 
     @classmethod
     def starts(cls, where: str, inertia: float) -> Iterator[Self]:
-        """Gaps of 2 to 50 mrad or mm and a rotor of 6 % of the inertia: how long it takes across is known best."""
-        for g, w in itertools.product(np.geomspace(0.002, 0.05, 6), (80.0, 250.0)):
-            yield cls(where, j=0.06 * inertia, g=float(g), w=w)
+        """Gaps of 6 to 180 mrad or mm, and rotors of 7 and 18 % of the inertia."""
+        for share, g in itertools.product((0.07, 0.18), np.geomspace(0.003, 0.09, 5)):
+            yield cls(where, j=share * inertia, g=float(g), w=120.0)
 
     def coupling(self, twist: Array, slip: Array) -> Array:
         """Zero inside the gap, a stiff spring with damping at its flanks."""

@@ -54,6 +54,23 @@ def parameter(
 
 
 @dataclass(frozen=True)
+class Seen:
+    """What recordings show, for searches to start from.
+
+    Attributes:
+        low: `[nv]` least position of each joint, rad or m.
+        high: `[nv]` greatest.
+        speed: `[nv]` usual speed, rad/s or m/s.
+        command: `[nu]` greatest command of each motor, without its sign.
+    """
+
+    low: Array
+    high: Array
+    speed: Array
+    command: Array
+
+
+@dataclass(frozen=True)
 class Effect(ABC):
     """Physics at one place. It changes one slot of the equations; the others stay as they are.
 
@@ -86,6 +103,10 @@ class Effect(ABC):
     @abstractmethod
     def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
         """One for each place of the model where the effect can be, absent as yet."""
+
+    def grids(self, model: mujoco.MjModel, seen: Seen) -> dict[str, tuple[float, ...]]:
+        """Values of numbers to start a search from, by name: those of the parameters, or such as recordings suggest."""
+        return {p.name: p.grid for p in self.parameters() if p.grid}
 
     def __str__(self) -> str:
         numbers = ", ".join(f"{p.name}={getattr(self, p.name):.4g} {p.unit}".rstrip() for p in self.parameters())

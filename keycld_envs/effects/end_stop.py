@@ -5,7 +5,10 @@ from typing import ClassVar, Self
 
 import mujoco
 
-from keycld_envs.effects.base import Array, JointEffect, functions, parameter
+from keycld_envs.effects.base import Array, JointEffect, Seen, functions, parameter
+
+DEPTHS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.6)
+"""Shares of a joint's range that a search has beyond a stop."""
 
 
 @dataclass(frozen=True)
@@ -18,13 +21,19 @@ class EndStop(JointEffect):
 
     k: float = parameter("N m/rad", 0.5, low=0.0)
     d: float = parameter("N m s/rad", 0.02, low=0.0)
-    at: float = parameter("rad", 0.02, grid=tuple(0.5 * n for n in range(-7, 8)))
+    at: float = parameter("rad", 0.02, grid=(0.0,))
     side: float = 1.0
 
     @classmethod
     def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
         """At either end of every joint."""
         return tuple(replace(stop, side=side) for stop in super().candidates(model) for side in (1.0, -1.0))
+
+    def grids(self, model: mujoco.MjModel, seen: Seen) -> dict[str, tuple[float, ...]]:
+        """Near the end of where the joint was seen."""
+        low, high = (float(x[self.dof(model)]) for x in (seen.low, seen.high))
+        end, back = (high, low) if self.side > 0 else (low, high)
+        return {"at": tuple(end + depth * (back - end) for depth in DEPTHS)}
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """Pushes back while pressed."""

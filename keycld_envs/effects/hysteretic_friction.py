@@ -6,7 +6,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, functions, parameter
+from keycld_envs.effects.base import Array, JointEffect, Seen, functions, parameter
+from keycld_envs.effects.stribeck_friction import FADING
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,12 @@ class HystereticFriction(JointEffect):
     extra: float = parameter("N m", 0.02, low=0.0)
     d: float = parameter("N m s/rad", 0.02, low=0.0)
     s: float = parameter("N m/rad", 0.2, low=0.02, high=500.0, grid=(0.3, 1.0, 4.0, 16.0))
-    vs: float = parameter("rad/s", 0.1, low=0.05, high=5.0, grid=(0.3, 1.0))
+    vs: float = parameter("rad/s", 0.1, low=0.02, high=5.0, grid=(0.3, 1.0))
+
+    def grids(self, model: mujoco.MjModel, seen: Seen) -> dict[str, tuple[float, ...]]:
+        """Fading within shares of the usual speed."""
+        usual = float(seen.speed[self.dof(model)])
+        return super().grids(model, seen) | {"vs": tuple(float(np.clip(s * usual, 0.02, 5.0)) for s in FADING)}
 
     def begin(self, model: mujoco.MjModel, v: Array) -> Array:
         """Slipping."""

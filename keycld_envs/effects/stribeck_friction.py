@@ -5,8 +5,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
+import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, add_friction, functions, parameter, smooth_sign
+from keycld_envs.effects.base import Array, JointEffect, Seen, add_friction, functions, parameter, smooth_sign
+
+FADING = (0.08, 0.3)
+"""Shares of the usual speed at which dry friction has fallen, that a search starts from."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +23,12 @@ class StribeckFriction(JointEffect):
 
     c: float = parameter("N m", 0.02, low=0.0)
     extra: float = parameter("N m", 0.02, low=0.0)
-    vs: float = parameter("rad/s", 0.1, low=0.05, high=5.0, grid=(0.3, 1.0))
+    vs: float = parameter("rad/s", 0.1, low=0.02, high=5.0, grid=(0.3, 1.0))
+
+    def grids(self, model: mujoco.MjModel, seen: Seen) -> dict[str, tuple[float, ...]]:
+        """Fading within shares of the usual speed."""
+        usual = float(seen.speed[self.dof(model)])
+        return super().grids(model, seen) | {"vs": tuple(float(np.clip(s * usual, 0.02, 5.0)) for s in FADING)}
 
     @property
     def s(self) -> float:

@@ -161,8 +161,7 @@ def smooth_numbers(effects: Iterable[Effect]) -> tuple[Array, ...]:
     if len(forces) > 1:
         raise ValueError("Rollouts that are simulated together may have one residual force between them.")
     (force,) = forces.values()
-    f = force.features
-    return f.middle, f.spread, f.frequency, f.phase, force.weights
+    return *force.features.numbers, force.weights
 
 
 def _slot(model: mujoco.MjModel, effect: Effect) -> Slot:

@@ -100,8 +100,7 @@ def diagnose(
         nominal = replace(refitted, point=refitted.problem.start())
         rollouts = [trial.long(fit) for fit in (nominal, refitted, concluded.fit)]
         if rollout_error(rollouts[2]) > rollout_error(rollouts[1]):  # what is handed back is never the worse one
-            verdict: Verdict = "undetermined" if concluded.findings else concluded.verdict
-            concluded, rollouts[2] = replace(concluded, fit=refitted, verdict=verdict), rollouts[1]
+            concluded, rollouts[2] = _withdrawn(concluded, named, trial, (refitted, rollouts[1]))
         limits = rollouts if concluded.ceiling is None else [*rollouts, trial.long(concluded.ceiling)]
         doubts = explained.doubts(named.verdict == "undetermined") if named.findings else []
         proposed = next_experiment(explained.best.fit, doubts, training, trial.samples) if doubts else None
@@ -229,6 +228,20 @@ def _unnamed(
     if left.significant and (named.verdict == "no_mismatch" or left.fraction > LEFT):
         named = replace(named, verdict="undetermined")
     return named if named.verdict == "no_mismatch" else replace(named, ceiling=alone)
+
+
+def _withdrawn(
+    concluded: _Conclusion, named: _Conclusion, trial: "_Trial", refitted: tuple[Fit, Fit]
+) -> tuple[_Conclusion, Fit]:
+    """What is handed back instead of a conclusion that rolls out worse than the refitted simulator.
+
+    The named effects alone, where they roll out better than it; else nothing. `refitted` is the simulator and its long
+    rollouts.
+    """
+    if concluded.fit is not named.fit and rollout_error(rolled := trial.long(named.fit)) < rollout_error(refitted[1]):
+        return replace(named, verdict="undetermined"), rolled
+    verdict: Verdict = "undetermined" if concluded.findings else concluded.verdict
+    return replace(concluded, fit=refitted[0], verdict=verdict), refitted[1]
 
 
 def _refit(simulator: Simulator, recordings: Sequence[Recording], sigma: NDArray[np.float64]) -> Fit:

@@ -20,6 +20,8 @@ ATTEMPTS = 5
 """Steps tried, each ten times more cautious, before the fit counts as converged."""
 FAR, SETTLING = 3.0, 4
 """Windows that cost so many times the median get steps of their own for their initial states."""
+FARTHEST = 8.0
+"""Standard deviations that a nuisance may be off: released mechanisms say nothing of mass and force but their ratio."""
 TOLERANCE = 0.1
 """Nats that a step must gain for another one."""
 STALE = 0.2
@@ -350,6 +352,8 @@ class Problem:
             step[n + k] = new - old
             effects = list(turn(effects, knob, new))
         values, starts = point.variant.values + step[:n], point.variant.starts
+        values = np.clip(values, -FARTHEST * self.spreads, FARTHEST * self.spreads)
+        step[:n] = values - point.variant.values
         if starts is not None and point.variant.jumps is None:
             starts = starts + step[n + len(knobs(effects)) :].reshape(starts.shape)
         variant = replace(point.variant, values=values, effects=tuple(effects), starts=starts)

@@ -9,11 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import EFFECTS, Effect, Parameter
+from keycld_envs.effects.base import Seen
 from keycld_model.diagnosis.fit import Fit, Linearisation
+from keycld_model.diagnosis.windows import Windows
 
 Array = NDArray[np.float64]
 GENTLE = 0.03
 """Rad or m, root mean square over a window, that a probe may move a joint for its effect to count as linear."""
+USUAL = 90
+"""Percentile of speeds that counts as usual."""
 PARTS = 16
 """Of a window at most, over each of which a force is averaged."""
 
@@ -49,18 +53,25 @@ class Hypothesis:
         return [replace(self.effect, **{p.name: p.absent + amount * p.scale}) for p in self.coefficients]
 
 
-def hypotheses(model: mujoco.MjModel, exclude: Iterable[str] = ()) -> list[Hypothesis]:
-    """All effects at all places of a model."""
+def seen(windows: Windows) -> Seen:
+    """What windows of recordings show."""
+    position = windows.measured.reshape(-1, windows.measured.shape[2])
+    speed, command = np.concatenate(windows.speeds), np.concatenate(windows.commands)
+    usual = np.percentile(np.abs(speed), USUAL, axis=0)
+    return Seen(np.nanmin(position, axis=0), np.nanmax(position, axis=0), usual, np.abs(command).max(axis=0, initial=0))
+
+
+def hypotheses(model: mujoco.MjModel, shown: Seen, exclude: Iterable[str] = ()) -> list[Hypothesis]:
+    """All effects at all places of a model, with numbers that recordings suggest."""
     out = []
     for kind in EFFECTS.values():
         if kind.id in exclude:
             continue
-        grids = [p for p in kind.parameters() if p.grid]
         coefficients = tuple(p for p in kind.parameters() if not p.grid)
         for effect in kind.candidates(model):
-            for values in itertools.product(*(p.grid for p in grids)):
-                chosen = dict(zip((p.name for p in grids), values, strict=True))
-                out.append(Hypothesis(replace(effect, **chosen), coefficients))
+            grids = effect.grids(model, shown)
+            for values in itertools.product(*grids.values()):
+                out.append(Hypothesis(replace(effect, **dict(zip(grids, values, strict=True))), coefficients))
     return out
 
 

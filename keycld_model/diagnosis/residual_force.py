@@ -1,5 +1,6 @@
 """Fits a force without a name, where no named effect suffices."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,10 +18,12 @@ from keycld_model.diagnosis.windows import Windows
 Array = NDArray[np.float64]
 PIECE = 5
 """Samples over which the missing force is taken as constant while weights are fitted."""
-WIDTHS = (0.5, 1.0)
+WIDTHS = (0.5, 1.0, 2.0)
 """Inverse length scales that are tried, in standard deviations of the inputs."""
 COUPLINGS = (1.0, 30.0, 1e6)
 """How much more it takes for a force to depend on more than one joint."""
+DRIVINGS = (1.0, 1e6)
+"""How much more it takes for a motor's to depend on positions."""
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 """Prior precisions of weights that are tried, in units of the forces' own."""
 ROUNDS = 8
@@ -57,7 +60,8 @@ def _added(start: Fit, named: Sequence[Effect], rounds: int, seed: int) -> Fit:
     hinge = np.array([model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in range(model.njnt)])
     drawn = [Features.draw(hinge, *paths, width, seed) for width in WIDTHS]
     none = np.zeros((drawn[0](*paths).shape[-1], model.nv))
-    priors = [(ridge, coupling) for ridge in RIDGES for coupling in COUPLINGS]
+    drivings = DRIVINGS if np.any(paths[2]) else DRIVINGS[-1:]
+    priors = list(itertools.product(RIDGES, COUPLINGS, drivings))
     choices = [ResidualForce("", f, none, f.precision(*prior)) for f in drawn for prior in priors]
     best = start
     for _ in range(CHOICES):

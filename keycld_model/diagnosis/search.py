@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from keycld_envs.effects import Effect
 from keycld_envs.effects.base import TransmissionEffect
 from keycld_model.diagnosis.fit import Fit, Point, Problem, knobs
-from keycld_model.diagnosis.hypotheses import hypotheses
+from keycld_model.diagnosis.hypotheses import hypotheses, seen
 from keycld_model.diagnosis.screening import promising
 from keycld_model.diagnosis.simulator import rotors, unsettled
 
@@ -146,7 +146,7 @@ class Search:
         """
         self.largest, self.gained = largest, gained
         self.problem = problem
-        self.hypotheses = hypotheses(problem.simulator.model, exclude)
+        self.hypotheses = hypotheses(problem.simulator.model, seen(problem.windows), exclude)
         self.found: dict[frozenset[tuple[str, str]], Scored] = {}
         self.temper = 1.0
         self._nothing = np.inf

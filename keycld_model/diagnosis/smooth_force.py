@@ -11,8 +11,11 @@ from keycld_envs.effects import Effect
 from keycld_envs.effects.base import functions
 
 Array = NDArray[np.float64]
-OWN, COMMON = 120, 40
-"""Random features (Rahimi and Recht, 2007) of each joint's own state, and of all states and commands."""
+OWN, DRIVEN, COMMON = 120, 24, 40
+"""Random features (Rahimi and Recht, 2007) of each joint's own state, of positions for each command, which they are
+multiplied by, and of all states and commands."""
+BEYOND = 0.1
+"""Share of the range of an input that it may be beyond; forces are taken as constant from there on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,41 +26,64 @@ class Features:
         hinge: `[nv]` joints that turn.
         middle: `[d]` mean of the inputs.
         spread: `[d]` their standard deviation.
-        frequency: `[d, k]` of the random features.
+        least: `[d]` below which an input counts as this.
+        most: `[d]` above which.
+        frequency: `[d, k]` of the random features: own ones, those for each command, common ones.
         phase: `[k]`.
     """
 
     hinge: NDArray[np.bool_]
     middle: Array
     spread: Array
+    least: Array
+    most: Array
     frequency: Array
     phase: Array
+
+    @property
+    def numbers(self) -> tuple[Array, ...]:
+        """All but which joints turn."""
+        return self.middle, self.spread, self.least, self.most, self.frequency, self.phase
 
     @classmethod
     def draw(cls, hinge: NDArray[np.bool_], q: Array, v: Array, u: Array, width: float, seed: int) -> "Features":
         """Features scaled to states `[..., nv]` and commands `[..., nu]`."""
         inputs, joints = _inputs(hinge, q, v, u)
         flat = inputs.reshape(-1, inputs.shape[-1])
-        rng = np.random.default_rng(seed)
-        frequency = np.zeros((len(joints), len(hinge) * OWN + COMMON))
+        rng, other = np.random.default_rng(seed), np.random.default_rng((seed, 1))
+        own, driven = len(hinge) * OWN, u.shape[-1] * DRIVEN
+        frequency = np.zeros((len(joints), own + driven + COMMON))
         for j in range(len(hinge)):
-            own, block = joints == j, slice(j * OWN, (j + 1) * OWN)
-            frequency[own, block] = width * rng.normal(size=(int(own.sum()), OWN))
+            mine, block = joints == j, slice(j * OWN, (j + 1) * OWN)
+            frequency[mine, block] = width * rng.normal(size=(int(mine.sum()), OWN))
+        positions = len(joints) - len(hinge) - u.shape[-1]
         frequency[:, -COMMON:] = width * rng.normal(size=(len(joints), COMMON))
-        phase = rng.uniform(0, 2 * np.pi, frequency.shape[1])
-        return cls(hinge, flat.mean(axis=0), flat.std(axis=0) + 1e-9, frequency, phase)
+        frequency[:positions, own : own + driven] = width * other.normal(size=(positions, driven))
+        phase = rng.uniform(0, 2 * np.pi, own + COMMON)
+        phase = np.insert(phase, own, other.uniform(0, 2 * np.pi, driven))
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        beyond = BEYOND * (high - low)
+        return cls(hinge, flat.mean(axis=0), flat.std(axis=0) + 1e-9, low - beyond, high + beyond, frequency, phase)
 
     def __call__(self, q: Any, v: Any, u: Any) -> Any:
         """`[..., 1 + d + k]`: one, the inputs, and random cosines."""
-        xp, number = functions(q), self.frequency.shape[1]
-        z = xp.clip((_inputs(self.hinge, q, v, u)[0] - self.middle) / self.spread, -4, 4)
-        size = np.where(np.arange(number) < number - COMMON, np.sqrt(2 / OWN), np.sqrt(2 / COMMON))
+        xp, number, motors = functions(q), self.frequency.shape[1], u.shape[-1]
+        inputs = _inputs(self.hinge, q, v, u)[0]
+        z = (xp.clip(inputs, self.least, self.most) - self.middle) / self.spread
+        own = number - COMMON - motors * DRIVEN
+        size = np.repeat(np.sqrt(2 / np.array([OWN, DRIVEN, COMMON])), [own, motors * DRIVEN, COMMON])
         waves = xp.cos(z @ self.frequency + self.phase) * size
+        if motors:
+            commands = u / self.spread[len(self.middle) - motors :]
+            driven = waves[..., own : own + motors * DRIVEN] * xp.repeat(commands, DRIVEN, axis=-1)
+            waves = xp.concatenate([waves[..., :own], driven, waves[..., own + motors * DRIVEN :]], axis=-1)
         return xp.concatenate([xp.ones((*z.shape[:-1], 1)), z, waves], axis=-1)
 
-    def precision(self, ridge: float, coupling: float) -> Array:
+    def precision(self, ridge: float, coupling: float, driving: float) -> Array:
         """Prior precisions of the features, `[1 + d + k]`."""
-        out = np.full(1 + self.frequency.shape[0] + self.frequency.shape[1], ridge)
+        inputs, number = self.frequency.shape
+        own, out = len(self.hinge) * OWN, np.full(1 + inputs + number, ridge)
+        out[1 + inputs + own : -COMMON] *= driving
         out[-COMMON:] *= coupling
         return out
 

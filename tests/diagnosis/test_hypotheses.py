@@ -6,7 +6,7 @@ from plants import recordings
 
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.fit import Problem
-from keycld_model.diagnosis.hypotheses import columns, hypotheses
+from keycld_model.diagnosis.hypotheses import columns, hypotheses, seen
 from keycld_model.diagnosis.simulator import Simulator
 from keycld_model.diagnosis.windows import cut
 
@@ -19,7 +19,7 @@ def test_steps_may_be_longer_than_parts_of_a_window():
     problem = Problem(Simulator(model, 0.05), windows, np.full(model.nv, 1e-3))
     fit = problem.minimise(problem.start(), 2)
     assert windows.steps < 16
-    assert np.isfinite(columns(fit, hypotheses(model))[1]).all()
+    assert np.isfinite(columns(fit, hypotheses(model, seen(fit.problem.windows)))[1]).all()
 
 
 @pytest.mark.parametrize("system", ["pendulum", "acrobot"])
@@ -28,7 +28,7 @@ def test_the_force_along_the_motion_tells_what_simulations_with_little_of_an_eff
     windows = cut(recordings(system, seed=3, number=3), 0.01, 30)
     problem = Problem(Simulator(model, 0.01), windows, np.full(model.nv, 1e-3))
     fit = problem.minimise(problem.start())
-    free = [h for h in hypotheses(model) if h.effect.id in SMOOTH]
+    free = [h for h in hypotheses(model, seen(fit.problem.windows)) if h.effect.id in SMOOTH]
     linear, predicted, members = columns(fit, free)
     assert {h.effect.id for h in free if h.pushes} == SMOOTH
     for hypothesis, own in zip(free, members, strict=True):

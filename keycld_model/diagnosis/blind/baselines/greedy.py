@@ -10,7 +10,7 @@ from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.blind.baselines.common import Setup, finding
 from keycld_model.diagnosis.fit import Fit, knobs
-from keycld_model.diagnosis.hypotheses import hypotheses
+from keycld_model.diagnosis.hypotheses import hypotheses, seen
 from keycld_model.diagnosis.screening import promising
 
 LARGEST = 6
@@ -36,8 +36,8 @@ def _price(fit: Fit) -> float:
 
 def _next(fit: Fit, model: mujoco.MjModel) -> Effect | None:
     """What gains most by the linearisation, its numbers paid for; None if nothing does."""
-    used = {(e.id, e.where) for e in fit.effects}
-    free = [h for h in hypotheses(model, ("external_pulse",)) if h.key not in used]
+    used = {e.key for e in fit.effects}
+    free = [h for h in hypotheses(model, seen(fit.problem.windows), ("external_pulse",)) if h.key not in used]
     best = next(promising(fit, free, {1: 1}), None)
     return None if best is None else best[-1]
 
