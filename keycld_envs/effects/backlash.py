@@ -37,8 +37,8 @@ class Backlash(TransmissionEffect):
 
     @classmethod
     def starts(cls, where: str, inertia: float) -> Iterator[Self]:
-        """Gaps of 6 to 180 mrad or mm, and rotors of 7 and 18 % of the inertia."""
-        for share, g in itertools.product((0.07, 0.18), np.geomspace(0.003, 0.09, 5)):
+        """Gaps of 6 to 180 mrad or mm, and rotors of 6 and 13 % of the inertia."""
+        for share, g in itertools.product((0.06, 0.13), np.geomspace(0.003, 0.09, 5)):
             yield cls(where, j=share * inertia, g=float(g), w=120.0)
 
     def coupling(self, twist: Array, slip: Array) -> Array:

@@ -328,13 +328,16 @@ def _explain(refitted: Fit, recordings: Sequence[Recording], effects: Sequence[E
         smooth = fit_residual_force(refitted)
     spoiled = spiked(best.fit) if smooth is None else significant(smooth).max() > 0
     if spoiled:
-        for fit in (refitted, best.fit):
+        spoilt = [refitted, best.fit]
+        for fit in spoilt:
             start = pushed(fit) if concentrated(fit) else fit
             if not start.point.variant.pulses:
                 continue
             other = Search(refitted.problem, EXCLUDED, LARGEST - 1, refitted.cost - start.cost)
-            found = _without_pulses(other.run(start.point))
+            found = _without_pulses(other.run(start.point, start.effects))
             filler = found.fit.point.variant.pulses and significant(found.fit).max() > 0
+            if filler and fit is refitted and found.fit.effects:  # found beside effects, pushes may be others
+                spoilt.append(_bare(found.fit))
             if not filler and _paid(found) < _paid(best) - search.least(best):
                 search, best = other, found
                 break
@@ -346,12 +349,17 @@ def _paid(scored: Scored) -> float:
     return scored.score + paid(scored.fit.point.variant.pulses)
 
 
+def _bare(fit: Fit) -> Fit:
+    """Without its pulses, its effects fitted again."""
+    return fit.problem.minimise(replace(fit.point, variant=replace(fit.point.variant, pulses=())))
+
+
 def _without_pulses(best: Scored) -> Scored:
     """Without its pulses, if its effects do as well."""
     fit, pulses = best.fit, best.fit.point.variant.pulses
     if not pulses:
         return best
-    without = fit.problem.minimise(replace(fit.point, variant=replace(fit.point.variant, pulses=())))
+    without = _bare(fit)
     loss = without.cost - fit.cost
     return best if loss > paid(pulses) else replace(best, fit=without, score=best.score + loss)
 

@@ -19,6 +19,8 @@ REFINED = {1: 4, 2: 3, 3: 2}
 """Sets of one, two and three effects that are refined a little after each linear scoring."""
 GLANCE = 3
 """Gauss-Newton steps of that."""
+FAVOURITES, CLOSER = 6, 10
+"""Starts of rotors that are followed further, and how far."""
 ROUGH = 3e-4
 """Share of what is above noise that a step of a refinement must gain for another one."""
 FINALISTS = 2
@@ -221,7 +223,8 @@ class Search:
         inertia = float(model.dof_M0[effect.dof(model)])
         starts = [start for kind in sorted(kinds, key=lambda k: k.id) for start in kind.starts(effect.where, inertia)]
         glances = [self._glance(fit, [*rest, start], fit.chi_square > NOISE) for start in starts]
-        for glance in sorted(glances, key=lambda g: g.cost)[:FINALISTS]:
+        closer = [fit.problem.minimise(g.point, CLOSER) for g in sorted(glances, key=_cost)[:FAVOURITES]]
+        for glance in sorted(closer, key=_cost)[:FINALISTS]:
             self._refine(best.fit.point.with_effects(*glance.effects))
 
     def _glance(self, fit: Fit, effects: Sequence[Effect], loose: bool) -> Fit:
@@ -334,6 +337,10 @@ class Search:
 def _loosened(problem: Problem, point: Point) -> Point:
     """With rotors that may jump at the starts of windows, and states fitted to that."""
     return problem.minimise(point.loosened(), LOOSENED, only_states=True).point
+
+
+def _cost(fit: Fit) -> float:
+    return fit.cost
 
 
 def _score(scored: Scored) -> float:

@@ -7,6 +7,7 @@ import pytest
 from keycld_envs.effects import (
     EFFECTS,
     AddedInertia,
+    AddedMass,
     AsymmetricFriction,
     Backlash,
     BaseMotion,
@@ -247,3 +248,20 @@ def test_mechanisms_without_motors_have_effects_too(absent):
     t, q, v = np.linspace(0, 1, 12).reshape(3, 4), np.full((3, 4, 1), 0.4), np.full((3, 4, 1), 1.5)
     force, _ = present.advance(model, present.begin(model, v), t, q, v, np.zeros((3, 4, 0)), 0.01)
     assert force.shape == v.shape and np.isfinite(force).all()
+
+
+def test_a_mass_on_a_link_is_a_weight_fixed_to_it():
+    """MuJoCo's own answer: the same model with a small heavy ball beyond the middle of the link."""
+    xml = """<mujoco><worldbody><body name="link"><joint name="pivot" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.8" size="0.02" mass="1.2"/>{}</body></worldbody></mujoco>"""
+    ball = '<body pos="0 0 -0.6"><geom type="sphere" size="0.001" mass="0.5"/></body>'
+    edited, true = (mujoco.MjModel.from_xml_string(xml.format(x)) for x in ("", ball))
+    AddedMass("link", m=0.5, x=1.5).edit(edited)
+    answers = []
+    for model in (edited, true):
+        data = mujoco.MjData(model)
+        mujoco.mj_setConst(model, data)
+        data.qpos[:], data.qvel[:] = 0.7, 1.0
+        mujoco.mj_forward(model, data)
+        answers.append((data.qacc[0], data.qfrc_bias[0]))
+    np.testing.assert_allclose(*answers, rtol=1e-5)

@@ -1,9 +1,12 @@
 """What each effect would change, to first order."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plants import recordings
 
+from keycld_envs.effects import ActuatorSaturation, EndStop
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.fit import Problem
 from keycld_model.diagnosis.hypotheses import columns, hypotheses, seen
@@ -39,3 +42,20 @@ def test_the_force_along_the_motion_tells_what_simulations_with_little_of_an_eff
             simulated = linear.project((linear.residual - residual)[..., None] / (amount * number.scale))[..., 0]
             column = linear.project(predicted[..., c, None])[..., 0]
             assert np.linalg.norm(column - simulated) < 0.1 * np.linalg.norm(simulated), hypothesis.effect
+
+
+def test_searches_start_within_what_recordings_show():
+    """Limits of motors among the commands, stops where the joint was."""
+    model = get_system("cartpole").compile()
+    windows = cut(recordings("cartpole", 0, number=3, seconds=1.0), 0.01, 20)
+    shown = seen(windows)
+    small = replace(windows, commands=tuple(0.01 * u for u in windows.commands))
+    for scale, where in ((1.0, shown), (0.01, seen(small))):
+        limits = [h.effect for h in hypotheses(model, where) if isinstance(h.effect, ActuatorSaturation)]
+        most = max(np.abs(u).max() for u in windows.commands) * scale
+        assert len(limits) == 12 and all(0.05 * most < effect.s < most for effect in limits)
+    stops = [h.effect for h in hypotheses(model, shown) if isinstance(h.effect, EndStop)]
+    for joint, name in enumerate(("slider", "hinge_1")):
+        here, q = [e for e in stops if e.where == name], windows.measured[..., joint]
+        assert len(here) == 12 and all(q.min() < e.at < q.max() for e in here)
+        assert min(e.at for e in here if e.side > 0) > min(e.at for e in here if e.side < 0)

@@ -42,3 +42,14 @@ def test_what_has_no_name_is_called_unknown_and_mended():
     assert (report.verdict, [f.effect for f in report.findings]) == ("mismatch", ["unknown"])
     assert report.fit.corrected < 0.2 * report.fit.refitted
     assert report.fit.corrected == pytest.approx(1.0, abs=0.5)  # mrad, the sensor's noise
+
+
+def efficiency(t, q, v, u):
+    """A motor that is stronger at some positions."""
+    return 2 * u * 0.4 * np.sin(2 * q)
+
+
+def test_a_motor_that_depends_on_positions_is_mended():
+    report = diagnose(recordings("pendulum", seed=7, force=efficiency), get_system("pendulum").compile())
+    assert "unknown" in [f.effect for f in report.findings] or report.unexplained.significant
+    assert report.fit.refitted is not None and report.fit.corrected < 0.5 * report.fit.refitted
