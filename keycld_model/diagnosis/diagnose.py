@@ -51,6 +51,9 @@ FEW, HALVED = 8, 2
 """Windows that tell whether steps are short enough, and times that they are halved before the search."""
 LEFT = 0.1
 """Share of the misfit that named effects may leave, for them to be certain."""
+MOST_LEFT = 0.02
+"""The same that pushes may leave: rectangles are idealised. Where they leave more, they may mend something else, as
+they may if effects alone leave no ten times as much."""
 EXCLUDED = ("external_pulse",)
 """Effects that have a search of their own."""
 
@@ -320,6 +323,7 @@ def _explain(refitted: Fit, recordings: Sequence[Recording], effects: Sequence[E
     on the joints, which would come again in the same states, leave only noise, or where they do so but for few windows.
     """
     search = Search(refitted.problem, EXCLUDED)
+    search.settled = bool(effects)
     best, smooth = search.run(refitted.point, effects), None
     coarse = not refitted.problem.simulator.own and not effects
     if coarse and best.fit.effects and (finer := _finer(refitted, search, best, recordings)):
@@ -335,7 +339,8 @@ def _explain(refitted: Fit, recordings: Sequence[Recording], effects: Sequence[E
                 continue
             other = Search(refitted.problem, EXCLUDED, LARGEST - 1, refitted.cost - start.cost)
             found = _without_pulses(other.run(start.point, start.effects))
-            filler = found.fit.point.variant.pulses and significant(found.fit).max() > 0
+            most = min(MOST_LEFT * refitted.excess, LEFT * best.fit.excess)
+            filler = found.fit.point.variant.pulses and significant(found.fit).max() > 0 and found.fit.excess > most
             if filler and fit is refitted and found.fit.effects:  # found beside effects, pushes may be others
                 spoilt.append(_bare(found.fit))
             if not filler and _paid(found) < _paid(best) - search.least(best):

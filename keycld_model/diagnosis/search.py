@@ -21,6 +21,8 @@ GLANCE = 3
 """Gauss-Newton steps of that."""
 FAVOURITES, CLOSER = 6, 10
 """Starts of rotors that are followed further, and how far."""
+GLIMPSE = 15
+"""Windows that choose among starts of rotors."""
 ROUGH = 3e-4
 """Share of what is above noise that a step of a refinement must gain for another one."""
 FINALISTS = 2
@@ -137,6 +139,7 @@ class Search:
     Attributes:
         found: best fit of each set of effects and places.
         temper: nats of a fit that count as one, because even the best set leaves more than noise.
+        settled: rotors have been looked for from many starts already.
     """
 
     def __init__(
@@ -150,7 +153,7 @@ class Search:
         self.problem = problem
         self.hypotheses = hypotheses(problem.simulator.model, seen(problem.windows), exclude)
         self.found: dict[frozenset[tuple[str, str]], Scored] = {}
-        self.temper = 1.0
+        self.temper, self.settled = 1.0, False
         self._nothing = np.inf
         self._replaced: set[tuple[frozenset[tuple[str, str]], tuple[str, str]]] = set()
         self._restarted: set[tuple[frozenset[tuple[str, str]], str]] = set()
@@ -215,21 +218,22 @@ class Search:
         How well they fit has many optima in their numbers.
         """
         place = frozenset(e.key for e in rest), effect.where
-        if not isinstance(effect, TransmissionEffect) or place in self._restarted:
+        if not isinstance(effect, TransmissionEffect) or self.settled or place in self._restarted:
             return
         self._restarted.add(place)
-        fit, model = self._sample(best.fit), self.problem.simulator.model
+        fit, model = self._sample(best.fit, GLIMPSE), self.problem.simulator.model
         kinds = {type(h.effect) for h in self.hypotheses if isinstance(h.effect, TransmissionEffect)}
         inertia = float(model.dof_M0[effect.dof(model)])
         starts = [start for kind in sorted(kinds, key=lambda k: k.id) for start in kind.starts(effect.where, inertia)]
-        glances = [self._glance(fit, [*rest, start], fit.chi_square > NOISE) for start in starts]
+        ways = (False, True) if fit.chi_square > NOISE else (False,)
+        glances = [self._glance(fit, [*rest, start], loose) for start in starts for loose in ways]
         closer = [fit.problem.minimise(g.point, CLOSER) for g in sorted(glances, key=_cost)[:FAVOURITES]]
         for glance in sorted(closer, key=_cost)[:FINALISTS]:
             self._refine(best.fit.point.with_effects(*glance.effects))
 
     def _glance(self, fit: Fit, effects: Sequence[Effect], loose: bool) -> Fit:
         """A few steps with other effects; with rotors that may jump if `loose`."""
-        point = fit.point.with_effects(*effects)
+        point = fit.point.jumping(None).with_effects(*effects)
         return fit.problem.minimise(_loosened(fit.problem, point) if loose else point, GLANCE)
 
     def _simplified(self, best: Scored) -> Scored:
@@ -257,10 +261,10 @@ class Search:
         chosen = {id(s): s for s in (*sizes.values(), *glances[:FINALISTS])}
         return [self._refine(scored.fit.point.with_effects(*s.fit.effects)) for s in chosen.values()]
 
-    def _sample(self, fit: Fit) -> Fit:
+    def _sample(self, fit: Fit, fewest: int = FEWEST) -> Fit:
         """The fit on a share of the windows, of all degrees of misfit."""
         windows = len(fit.problem.windows)
-        share = min(1.0, max(ENOUGH / max(fit.excess, ENOUGH), FEWEST / windows))
+        share = min(1.0, max(ENOUGH / max(fit.excess, ENOUGH), fewest / windows))
         if share == 1:
             return fit
         order = np.argsort(fit.problem.costs(fit.point))

