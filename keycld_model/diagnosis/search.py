@@ -31,7 +31,7 @@ ENOUGH, FEWEST = 500.0, 30
 """Nats of misfit that suffice to choose among sets, and windows that do; where there is more, some are looked at."""
 NOISE = 1.3
 """Variance that a fit may leave, over the sensor's, to count as noise."""
-MATERIAL = 0.002
+MATERIAL = 0.0005
 """Share of all that a set gains that each of its effects must gain. Named effects are idealised forms, of dry friction
 near standstill above all; what gains less may only mend the form of another."""
 BESIDE = 0.01
