@@ -382,27 +382,11 @@ class Problem:
         if not len(bad):
             return point, cost
         part, best, now = self.take(bad), point.take(bad), costs[bad]
-        spreads = _jump_spreads(point.variant.effects) if best.variant.jumps is not None else np.zeros(0)
         q, v = part.windows.initial_states()
-        jumps = best.variant.jumps
-        nv, caution, places = q.shape[1], np.full(len(bad), 1e-3), _places(best)
-        for attempt in range(len(places) + SETTLING + 1):
-            if attempt < len(places):
-                q, v, jumps = best.q, best.v, places[attempt]
-            elif attempt == len(places):
-                (q, v), jumps = part.windows.initial_states(), best.variant.jumps
-            else:
-                residual, states = part.roll([best.variant], best)
-                normal = np.einsum("wri,wrj->wij", states, states)
-                right = np.einsum("wri,wr->wi", states, residual[0])
-                if best.variant.jumps is not None:
-                    normal[:, 2 * nv :, 2 * nv :] += np.diag(spreads**-2)
-                    right[:, 2 * nv :] -= best.variant.jumps / spreads**2
-                normal += (caution[:, None] * np.einsum("wii->wi", normal) + 1e-9)[..., None] * np.eye(normal.shape[1])
-                step = np.linalg.solve(normal, right[..., None])[..., 0]
-                q, v = best.q + step[:, :nv], best.v + step[:, nv : 2 * nv]
-                jumps = None if best.variant.jumps is None else best.variant.jumps + step[:, 2 * nv :]
-            tried = Point(best.variant, q, v).jumping(jumps)
+        elsewhere = [*(best.jumping(jumps) for jumps in _places(best)), replace(best, q=q, v=v)]
+        caution = np.full(len(bad), 1e-3)
+        for attempt in range(len(elsewhere) + SETTLING):
+            tried = elsewhere[attempt] if attempt < len(elsewhere) else part._nudged(best, caution)
             then = part.costs(tried)
             better = (then < now)[:, None]
             best = _mixed(better, tried, best)
@@ -411,6 +395,21 @@ class Problem:
         everywhere[bad] = np.arange(len(bad))
         chosen = np.isin(np.arange(len(costs)), bad)[:, None]
         return _mixed(chosen, best.take(everywhere), point), cost + float((now - costs[bad]).sum())
+
+    def _nudged(self, point: Point, caution: Array) -> Point:
+        """After a step of each window's own states, with a caution of its own, `[W]`."""
+        residual, states = self.roll([point.variant], point)
+        normal = np.einsum("wri,wrj->wij", states, states)
+        right = np.einsum("wri,wr->wi", states, residual[0])
+        nv, jumps = point.q.shape[1], point.variant.jumps
+        if jumps is not None:
+            spreads = _jump_spreads(point.variant.effects)
+            normal[:, 2 * nv :, 2 * nv :] += np.diag(spreads**-2)
+            right[:, 2 * nv :] -= jumps / spreads**2
+        normal += (caution[:, None] * np.einsum("wii->wi", normal) + 1e-9)[..., None] * np.eye(normal.shape[1])
+        step = np.linalg.solve(normal, right[..., None])[..., 0]
+        moved = replace(point, q=point.q + step[:, :nv], v=point.v + step[:, nv : 2 * nv])
+        return moved.jumping(None if jumps is None else jumps + step[:, 2 * nv :])
 
     def whiten(self, predicted: Array) -> Array:
         """Residuals `[..., W, r]` of predictions `[..., W, n, nv]`."""
