@@ -371,7 +371,7 @@ class Problem:
         costs = _huber(self.residual(*points)).sum(axis=-1) + np.stack([_jump_costs(p) for p in points])
         best = points[0]
         for i, point in enumerate(points[1:], 1):
-            best = _mixed((costs[i] < costs[:i].min(axis=0))[:, None], point, best)
+            best = mixed((costs[i] < costs[:i].min(axis=0))[:, None], point, best)
         return best, float(costs.min(axis=0).sum()) + self._prior(best)
 
     def _settled(self, point: Point, cost: float) -> tuple[Point, float]:
@@ -389,12 +389,12 @@ class Problem:
             tried = elsewhere[attempt] if attempt < len(elsewhere) else part._nudged(best, caution)
             then = part.costs(tried)
             better = (then < now)[:, None]
-            best = _mixed(better, tried, best)
+            best = mixed(better, tried, best)
             now, caution = np.minimum(now, then), np.where(better[:, 0], caution / 5, caution * 10)
         everywhere = np.zeros(len(costs), dtype=int)
         everywhere[bad] = np.arange(len(bad))
         chosen = np.isin(np.arange(len(costs)), bad)[:, None]
-        return _mixed(chosen, best.take(everywhere), point), cost + float((now - costs[bad]).sum())
+        return mixed(chosen, best.take(everywhere), point), cost + float((now - costs[bad]).sum())
 
     def _nudged(self, point: Point, caution: Array) -> Point:
         """After a step of each window's own states, with a caution of its own, `[W]`."""
@@ -469,7 +469,7 @@ class Fit:
         return np.sqrt(np.maximum(np.diag(covariance)[n : n + len(knobs(self.effects))], 0))
 
 
-def _mixed(first: NDArray[np.bool_], one: Point, other: Point) -> Point:
+def mixed(first: NDArray[np.bool_], one: Point, other: Point) -> Point:
     """States of windows from one point where `first`, `[W, 1]`, and from another elsewhere, whose numbers it has."""
     a, b = one.variant.jumps, other.variant.jumps
     jumps = None if a is None or b is None else np.where(first, a, b)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_model.diagnosis.fit import Fit, Point, Problem
+from keycld_model.diagnosis.fit import Fit, Linearisation, Point, Problem, mixed
 from keycld_model.diagnosis.simulator import Pulse
 from keycld_model.diagnosis.windows import Windows
 
@@ -23,6 +23,8 @@ SPARSE = 0.7
 """Share of windows that pushes may be in; where there are more, it is something else."""
 CONTINUED = 5.0
 """Nats that its continuation into the next window must gain."""
+JOINED = 12
+"""Steps between rectangles that may be parts of one half sine."""
 ROUNDS, TIMING = 4, 6
 """Pulses per window at most, and steps in which their times are refined."""
 
@@ -78,7 +80,21 @@ def with_pulses(fit: Fit, joints: Sequence[int] | None = None, only_states: bool
         if better.cost > fit.cost - PRICE:
             break
         fit = better
-    return _pruned(fit, only_states)
+    return _rounded(_pruned(fit, only_states), only_states)
+
+
+def _rounded(fit: Fit, only_states: bool) -> Fit:
+    """With half sines instead of rectangles, which may go on in the next window, if that is better."""
+    problem, old = fit.problem, fit.point.variant.pulses
+    if not old:
+        return fit
+    pulses = tuple(
+        replace(p, rounded=True, force=p.force * np.pi / 2) for p in joined(old, JOINED * problem.windows.step)
+    )
+    point = replace(fit.point, variant=replace(fit.point.variant, pulses=pulses))
+    point = problem.minimise(point, 4, only_states=True).point
+    new = problem.minimise(_timed(problem, point), only_states=only_states)
+    return new if new.cost + paid(pulses) < fit.cost + paid(old) else fit
 
 
 def _pruned(fit: Fit, only_states: bool) -> Fit:
@@ -101,12 +117,12 @@ def _pruned(fit: Fit, only_states: bool) -> Fit:
 
 
 def joined(pulses: Sequence[Pulse], gap: float) -> list[Pulse]:
-    """Pulses of one joint and sense that follow each other within a gap, s, as one."""
+    """Rectangles of one joint and sense that follow each other within a gap, s, as one."""
     out: list[Pulse] = []
     for p in sorted(pulses, key=lambda p: (p.recording, p.dof, p.start)):
         last = out[-1] if out else None
         same = last is not None and (last.recording, last.dof, last.force > 0) == (p.recording, p.dof, p.force > 0)
-        if last is not None and same and p.start < last.start + last.duration + gap:
+        if last is not None and same and not p.rounded and p.start < last.start + last.duration + gap:
             end = max(last.start + last.duration, p.start + p.duration)
             impulse = last.force * last.duration + p.force * p.duration
             out[-1] = replace(last, duration=end - last.start, force=impulse / (end - last.start))
@@ -150,41 +166,60 @@ def _found(fit: Fit, joints: list[int]) -> list[Pulse]:
 
 
 def _timed(problem: Problem, point: Point) -> Point:
-    """Forces and times of pulses refined, each in its window, initial states eliminated."""
+    """Forces and times of pulses refined, each in the windows that it is in, initial states eliminated."""
     windows, pulses = problem.windows, list(point.variant.pulses)
-    owner = [_window(windows, p) for p in pulses]
-    step, end = windows.step, windows.end
-    caution = np.full(len(pulses), 1e-2)
+    touched = [_touched(windows, p) for p in pulses]
+    together = _together(touched, len(windows))
+    step, caution = windows.step, np.full(len(pulses), 1e-2)
     costs = problem.costs(point)
     for _ in range(TIMING):
         base, states = problem.roll([point.variant], point)
         columns = []
         for name, amount in (("force", None), ("start", 0.2 * step), ("duration", 0.2 * step)):
-            sizes = [amount or 0.02 * abs(p.force) + 1e-6 for p in pulses]
+            sizes = np.array([amount or 0.02 * abs(p.force) + 1e-6 for p in pulses])
             moved = tuple(replace(p, **{name: getattr(p, name) + d}) for p, d in zip(pulses, sizes, strict=True))
             shifted = problem.residual(replace(point, variant=replace(point.variant, pulses=moved)))
             columns.append((base[0] - shifted, sizes))
+        linear = Linearisation(base[0], states, np.stack([change for change, _ in columns], axis=-1))
+        shared, residual = linear.project(linear.shared), linear.project(linear.residual[..., None])[..., 0]
         proposal = list(pulses)
-        for i, (p, w) in enumerate(zip(pulses, owner, strict=True)):
-            jacobian = np.stack([c[w] / sizes[i] for c, sizes in columns], axis=-1)
-            whole = np.concatenate([jacobian, states[w]], axis=-1)
-            normal = whole.T @ whole
+        for i, (p, w) in enumerate(zip(pulses, touched, strict=True)):
+            jacobian = shared[w].reshape(-1, 3) / np.array([sizes[i] for _, sizes in columns])
+            normal = jacobian.T @ jacobian
             normal += np.diag((caution[i] + 1e-9) * np.diag(normal) + 1e-12)
-            change = np.linalg.solve(normal, whole.T @ base[0][w])[:3]
-            start = float(np.clip(p.start + change[1], windows.start[w], end[w] - step))
-            longest = max(step, end[w] - start)
-            duration = float(np.clip(p.duration + change[2], step, longest))
+            change = np.linalg.solve(normal, jacobian.T @ residual[w].ravel())
+            end = windows.end[w[-1]]
+            start = float(np.clip(p.start + change[1], windows.start[w[0]], end - step))
+            duration = float(np.clip(p.duration + change[2], step, max(step, end - start)))
             proposal[i] = replace(p, force=p.force + float(change[0]), start=start, duration=duration)
         tried = replace(point, variant=replace(point.variant, pulses=tuple(proposal)))
         tried = problem.minimise(tried, 2, only_states=True).point
         new_costs = problem.costs(tried)
-        better = new_costs < costs
-        pulses = [n if better[w] else p for n, p, w in zip(proposal, pulses, owner, strict=True)]
-        caution = np.where(better[owner], caution / 5, caution * 10)
-        q, v = np.where(better[:, None], tried.q, point.q), np.where(better[:, None], tried.v, point.v)
-        point = replace(point, variant=replace(point.variant, pulses=tuple(pulses)), q=q, v=v)
-        costs = np.minimum(costs, new_costs)
+        gains = np.bincount(together, costs - new_costs, len(windows))
+        better = gains[together] > 0
+        chosen = np.array([better[w[0]] for w in touched])
+        pulses = [n if yes else p for n, p, yes in zip(proposal, pulses, chosen, strict=True)]
+        caution = np.where(chosen, caution / 5, caution * 10)
+        point = mixed(better[:, None], tried, replace(point, variant=replace(point.variant, pulses=tuple(pulses))))
+        costs = np.where(better, new_costs, costs)
     return point
+
+
+def _touched(windows: Windows, pulse: Pulse) -> NDArray[np.int64]:
+    """Windows that a pulse is in, at least the one in which it begins."""
+    if not pulse.rounded:
+        return np.array([_window(windows, pulse)])
+    apart = (windows.start >= pulse.start + pulse.duration) | (windows.end <= pulse.start)
+    inside = np.flatnonzero((windows.recording == pulse.recording) & ~apart)
+    return inside if len(inside) else np.array([_window(windows, pulse)])
+
+
+def _together(touched: Sequence[NDArray[np.int64]], windows: int) -> NDArray[np.int64]:
+    """A number for each window, the same for windows that have a pulse in common."""
+    out = np.arange(windows)
+    for some in touched:
+        out[np.isin(out, out[some])] = out[some].min()
+    return out
 
 
 def _window(windows: Windows, pulse: Pulse) -> int:

@@ -35,7 +35,8 @@ class Pulse:
         dof: joint, among the velocities.
         start: s, on the recording's clock.
         duration: s.
-        force: N m or N.
+        force: N m or N, at most.
+        rounded: half a sine instead of a rectangle.
     """
 
     recording: int
@@ -43,6 +44,14 @@ class Pulse:
     start: float
     duration: float
     force: float
+    rounded: bool = False
+
+    def impulse(self, t: Array) -> Array:
+        """From its start to times, N m s or N s."""
+        since = np.clip(t - self.start, 0.0, self.duration)
+        if not self.rounded:
+            return self.force * since
+        return self.force * self.duration / np.pi * (1 - np.cos(np.pi * since / self.duration))
 
 
 @dataclass(frozen=True)
@@ -298,8 +307,7 @@ class Simulator:
         edges = windows.start[:, None] + self.step * np.arange(windows.steps + 1)
         for pulse in variant.pulses:
             of = windows.recording == pulse.recording
-            inside = np.clip(edges[of], pulse.start, pulse.start + pulse.duration)
-            out[of, :, pulse.dof] += pulse.force * np.diff(inside, axis=1) / self.step
+            out[of, :, pulse.dof] += np.diff(pulse.impulse(edges[of]), axis=1) / self.step
         return out
 
     def _filtered(self, variant: Variant, windows: Windows) -> list[Array]:

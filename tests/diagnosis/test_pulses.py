@@ -1,0 +1,58 @@
+"""Pushes and their shapes."""
+
+import numpy as np
+import plants
+import pytest
+from plants import recordings
+
+from keycld_envs.systems import get_system
+from keycld_model.diagnosis.fit import Problem
+from keycld_model.diagnosis.pulses import with_pulses
+from keycld_model.diagnosis.simulator import Pulse, Simulator
+from keycld_model.diagnosis.windows import cut
+
+
+def bump(t, q, v, u):
+    """Half a sine, across the border of two windows."""
+    return np.array([0.5 * np.sin(np.pi * (t - 1.0) / 0.4) * (1.0 <= t < 1.4)])
+
+
+def box(t, q, v, u):
+    return np.array([-0.5 * (0.85 <= t < 1.1)])
+
+
+@pytest.fixture(autouse=True)
+def good_sensors(monkeypatch):
+    monkeypatch.setattr(plants, "NOISE", 2e-4)
+
+
+def pushes(force):
+    runs = recordings("pendulum", 9, force, errors=0.0, number=3, seconds=4.0)
+    simulator = Simulator(get_system("pendulum").compile(), 0.01)
+    problem = Problem(simulator, cut(runs, 0.01, 40), np.full(1, 2e-4))
+    fit = with_pulses(problem.minimise(problem.start()))
+    assert fit.chi_square < 1.5
+    return fit.point.variant.pulses
+
+
+def test_a_bump_across_windows_is_one_half_sine():
+    found = pushes(bump)
+    assert len(found) == 3 and all(p.rounded for p in found)
+    for p in found:
+        assert abs(p.start - 1.0) < 0.05 and abs(p.start + p.duration - 1.4) < 0.05
+        assert np.isclose(p.force, 0.5, rtol=0.1)
+
+
+def test_a_box_stays_a_rectangle():
+    found = pushes(box)
+    assert len(found) == 3 and not any(p.rounded for p in found)
+    assert all(abs(p.start - 0.85) < 0.02 and abs(p.duration - 0.25) < 0.03 for p in found)
+
+
+def test_impulses_are_integrals():
+    t = np.linspace(0.0, 1.0, 2001)
+    for rounded, mean in ((False, 1.0), (True, 2 / np.pi)):
+        pulse = Pulse(0, 0, 0.25, 0.5, 2.0, rounded)
+        assert np.isclose(pulse.impulse(t)[-1], 2.0 * 0.5 * mean)
+        force = np.gradient(pulse.impulse(t), t)
+        assert np.isclose(force.max(), 2.0, rtol=1e-3) and force[t < 0.24].max() == 0
