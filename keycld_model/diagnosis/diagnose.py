@@ -321,9 +321,12 @@ def _explain(refitted: Fit, recordings: Sequence[Recording], effects: Sequence[E
 
     Where these need shorter steps, the search goes on with such. Pushes only where neither effects nor a smooth force
     on the joints, which would come again in the same states, leave only noise, or where they do so but for few windows.
+    Where pushes alone explain nearly all, rotors are not looked for from many starts.
     """
     search = Search(refitted.problem, EXCLUDED)
-    search.settled = bool(effects)
+    likely = pushed(refitted) if concentrated(refitted) else refitted
+    struck = bool(likely.point.variant.pulses) and likely.excess < MOST_LEFT * refitted.excess
+    search.settled = bool(effects) or struck
     best, smooth = search.run(refitted.point, effects), None
     coarse = not refitted.problem.simulator.own and not effects
     if coarse and best.fit.effects and (finer := _finer(refitted, search, best, recordings)):
@@ -334,7 +337,7 @@ def _explain(refitted: Fit, recordings: Sequence[Recording], effects: Sequence[E
     if spoiled:
         spoilt = [refitted, best.fit]
         for fit in spoilt:
-            start = pushed(fit) if concentrated(fit) else fit
+            start = likely if fit is refitted else pushed(fit) if concentrated(fit) else fit
             if not start.point.variant.pulses:
                 continue
             other = Search(refitted.problem, EXCLUDED, LARGEST - 1, refitted.cost - start.cost)

@@ -66,8 +66,8 @@ def test_an_effect_names_its_place_and_does_something_only_if_present(effect, sy
 
 
 def test_the_taxonomy_names_them():
-    shared = dict.fromkeys(("friction_drift", "gain_drift", "mass_drift"), "parameter_drift")
-    shared["added_mass"] = "added_inertia"
+    drifts = dict.fromkeys(("friction_drift", "gain_drift", "mass_drift"), "parameter_drift")
+    shared: dict[str, str] = {**drifts, "added_mass": "added_inertia"}
     assert all(effect.id == shared.get(name, name) for name, effect in EFFECTS.items())
     assert len({(effect.id, effect.kind) for effect in EFFECTS.values()}) == len(EFFECTS)
 

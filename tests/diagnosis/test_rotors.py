@@ -63,20 +63,24 @@ def test_rotors_that_may_jump_are_where_recordings_cannot_say():
     loose = blurred.minimise(blurred.minimise(held.point.loosened(), 6, only_states=True).point)
     assert held.chi_square > 2
     assert 0.8 < loose.chi_square < 1.2
-    swings = [e.k * (1 / e.j + 1 / INERTIA) for e in (loose.effects[0], SHAFT)]
+    (found,), jumps = loose.effects, loose.point.variant.jumps
+    assert isinstance(found, JointFlexibility)
+    swings = [e.k * (1 / e.j + 1 / INERTIA) for e in (found, SHAFT)]
     assert np.isclose(*swings, rtol=0.05)
-    assert loose.point.variant.jumps.shape == (len(blurred.windows), 2)
+    assert jumps is not None and jumps.shape == (len(blurred.windows), 2)
     assert penalty(loose) > penalty(held) + len(blurred.windows)
 
 
 def test_jumps_go_with_their_rotor_and_their_windows():
     problem = problem_of(recordings("pendulum", 4, shaft(), number=1), NOISE)
     point = problem.start().with_effects(SHAFT).loosened()
-    point = point.jumping(np.arange(2.0 * len(problem.windows)).reshape(-1, 2))
+    jumps = np.arange(2.0 * len(problem.windows)).reshape(-1, 2)
+    point = point.jumping(jumps)
     more = point.with_effects(AddedMass("pole"), replace(SHAFT, k=40.0))
-    assert np.array_equal(more.variant.jumps, point.variant.jumps)
+    assert more.variant.jumps is not None and np.array_equal(more.variant.jumps, jumps)
     assert point.with_effects(AddedMass("pole")).variant.jumps is None
-    assert np.array_equal(point.take(np.array([2, 0])).variant.jumps, point.variant.jumps[[2, 0]])
+    taken = point.take(np.array([2, 0])).variant.jumps
+    assert taken is not None and np.array_equal(taken, jumps[[2, 0]])
     assert point.variant.elsewhere().jumps is None
 
 
