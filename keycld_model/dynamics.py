@@ -47,7 +47,11 @@ class Dynamics(nnx.Module):
         """One Runge-Kutta step under a held action."""
         return rk4_step(lambda x, v: self.acceleration(x, v, u), x, v, step_size)
 
-    def rollout(self, x: Array, v: Array, actions: Array, timestep: float) -> tuple[Array, Array]:
+    def fine_step(self, x: Array, v: Array, u: Array, step_size: float) -> tuple[Array, Array]:
+        """The same, in parts where a subclass knows that it should be. Not to be differentiated backwards."""
+        return self.step(x, v, u, step_size)
+
+    def rollout(self, x: Array, v: Array, actions: Array, timestep: float, fine: bool = False) -> tuple[Array, Array]:
         """Integrate from one frame to the next.
 
         Args:
@@ -55,14 +59,15 @@ class Dynamics(nnx.Module):
             v: `[n]` velocities.
             actions: `[T-1, m]`, held between frames.
             timestep: seconds between frames.
+            fine: take `fine_step`, for predictions; one step per frame, for training, is differentiable.
 
         Returns:
             Positions and velocities at all frames, `[T, n]` each.
         """
-        first = self.project(x, v)
+        first, step = self.project(x, v), self.fine_step if fine else self.step
 
         def advance(state: tuple[Array, Array], u: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-            state = self.step(*state, u, timestep)
+            state = step(*state, u, timestep)
             return state, state
 
         _, (xs, vs) = jax.lax.scan(advance, first, actions)

@@ -20,6 +20,7 @@ def estimate_state(
     timestep: float,
     iterations: int = 5,
     start: tuple[Array, Array] | None = None,
+    fine: bool = False,
 ) -> tuple[Array, Array]:
     """Least-squares fit of a trajectory of the model to measured keypoints (Gauss-Newton on the manifold).
 
@@ -33,6 +34,7 @@ def estimate_state(
         timestep: seconds between frames.
         iterations: Gauss-Newton steps.
         start: position and velocity `[n]` to begin from; the first two frames give them when absent.
+        fine: divide steps in which a rod turns far, see `Dynamics.rollout`.
 
     Returns:
         Position and velocity `[n]` at the first frame; both meet the constraints.
@@ -40,7 +42,7 @@ def estimate_state(
     guess = (keypoints[0], (keypoints[1] - keypoints[0]) / timestep) if start is None else start
 
     def residual(x: Array, v: Array) -> Array:
-        return (dynamics.rollout(x, v, actions, timestep)[0] - keypoints).ravel()
+        return (dynamics.rollout(x, v, actions, timestep, fine)[0] - keypoints).ravel()
 
     state = dynamics.project(*guess)
     state, _ = jax.lax.scan(
@@ -79,7 +81,7 @@ def refine_state(
     """
 
     def residual(x: Array, v: Array) -> Array:
-        positions, _ = dynamics.rollout(x, v, actions, timestep)
+        positions, _ = dynamics.rollout(x, v, actions, timestep, fine=True)
         pixels = (render(positions) - frames).ravel()
         return jnp.concatenate([pixels, KEYPOINT_WEIGHT * (positions - keypoints).ravel()])
 

@@ -262,11 +262,11 @@ class WorldModel:
         def one(parameters: Parameters, frames: Array, u: Array, refine: bool) -> tuple[Array, Array]:
             dynamics, first = self.parts.dynamics(parameters), u[: frames.shape[0] - 1]
             keypoints = self.parts.keypoints(parameters, frames)
-            state = estimate_state(dynamics, keypoints, first, h)
+            state = estimate_state(dynamics, keypoints, first, h, fine=True)
             if refine:
                 draw = partial(self.parts.render, parameters)
                 state = refine_state(dynamics, draw, as_float(frames), keypoints, first, h, state)
-            return dynamics.rollout(*state, u, h)
+            return dynamics.rollout(*state, u, h, fine=True)
 
         return {refine: jax.jit(partial(one, refine=refine)) for refine in (False, True)}
 

@@ -40,7 +40,7 @@ def write_report(out: Path, results: Sequence[Result]) -> None:
     about = f"{number} measured: {_number(results)}. Written by <code>keycld paper</code>."
     body = [_table(table) for table in made]
     body += [_figure(title, figure) for title, figure in figures(results)]
-    body += list(_strips(out, results))
+    body += [*_swing_ups(out, results), *_strips(out, results)]
     page = PAGE.substitute(plotly=get_plotlyjs(), about=about, body="\n".join(body))
     with atomic_file(out / "report.html", "w") as file:
         file.write(page)
@@ -54,6 +54,8 @@ def figures(results: Sequence[Result]) -> Iterator[tuple[str, go.Figure]]:
         yield "Error of predicted frames over time (figure 3)", _curves(results)
     if any("potential" in r for r in results):
         yield "Potential energy (figures 8 to 12)", _potentials(results)
+    if any("memory" in r for r in results):
+        yield "Error of test recordings against their distance to training recordings", _memories(results)
 
 
 def _curves(results: Sequence[Result]) -> go.Figure:
@@ -102,23 +104,48 @@ def _potentials(results: Sequence[Result]) -> go.Figure:
     return figure.update_layout(template="plotly_white", height=260 * ((len(sweeps) + 1) // 2), margin={"t": 50})
 
 
+def _memories(results: Sequence[Result]) -> go.Figure:
+    figure = make_subplots(1, len(SYSTEMS), subplot_titles=SYSTEMS)
+    for c, system in enumerate(SYSTEMS, 1):
+        for r in [r for r in chosen(results, system, "default") if "memory" in r][:1]:
+            about = {"mode": "markers", "marker": {"color": COLOURS[0]}, "showlegend": False, "row": 1, "col": c}
+            figure.add_scatter(x=r["memory"]["distance"], y=r["memory"]["error"], **about)
+    figure.update_xaxes(title="distance", rangemode="tozero")
+    figure.update_yaxes(type="log", exponentformat="power", col=1, title="mean squared error")
+    return figure.update_layout(template="plotly_white", height=360, margin={"t": 50})
+
+
+def _swing_ups(out: Path, results: Sequence[Result]) -> Iterator[str]:
+    pictures = [
+        (f"{system}-default-{r['seed']}-swing-up", f"{system}: from hanging to where it stays; last, the target image")
+        for system in SYSTEMS
+        for r in chosen(results, system, "default")[:1]
+    ]
+    return _pictures("Swing-up (figure 5)", out, pictures)
+
+
 def _strips(out: Path, results: Sequence[Result]) -> Iterator[str]:
-    shown = False
-    for system in SYSTEMS:
-        for preset in (*ABLATIONS, *OPTIMISERS):
-            for r in chosen(results, system, preset)[:1]:
-                path = out / "strips" / f"{system}-{preset}-{r['seed']}.png"
-                if not path.is_file():
-                    continue
-                if not shown:
-                    yield "<h2>Frames (figures 4, 13 to 15)</h2>"
-                    shown = True
-                image = base64.b64encode(path.read_bytes()).decode("ascii")
-                caption = f"{system}, {TITLES[preset]}: every fourth frame; truth above, prediction below"
-                yield (
-                    f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{image}">'
-                    f"<figcaption>{escape(caption)}</figcaption></figure>"
-                )
+    about = "every fourth frame; truth above, prediction below"
+    pictures = [
+        (f"{system}-{preset}-{r['seed']}", f"{system}, {TITLES[preset]}: {about}")
+        for system in SYSTEMS
+        for preset in (*ABLATIONS, *OPTIMISERS)
+        for r in chosen(results, system, preset)[:1]
+    ]
+    return _pictures("Frames (figures 4, 13 to 15)", out, pictures)
+
+
+def _pictures(title: str, out: Path, pictures: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """A heading, and the pictures that are there, by name and caption."""
+    there = [(path, caption) for name, caption in pictures if (path := out / "strips" / f"{name}.png").is_file()]
+    if there:
+        yield f"<h2>{escape(title)}</h2>"
+    for path, caption in there:
+        image = base64.b64encode(path.read_bytes()).decode("ascii")
+        yield (
+            f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{image}">'
+            f"<figcaption>{escape(caption)}</figcaption></figure>"
+        )
 
 
 def _figure(title: str, figure: go.Figure) -> str:

@@ -12,6 +12,13 @@ OPTIMISERS = ("joint", "joint-sign")
 AMOUNTS = (25, 50, 100, 200)
 """Sequences to train with; 450 are the paper's."""
 WHOLE = 450
+PAPER_VPT = {
+    "default": (0.38, 1.00, 1.00),
+    "nc": (0.20, 0.48, 0.50),
+    "node2": (0.12, 0.26, 0.44),
+    "fc": (0.00, 0.10, 0.00),
+}
+"""The paper's table 1: pendulum, cartpole, acrobot; fractions of 50 frames, from two frames."""
 TITLES = {
     "default": "KeyCLD",
     "nc": "KeyCLD-NC",

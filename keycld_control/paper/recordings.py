@@ -5,7 +5,7 @@ from pathlib import Path
 
 from keycld_control.paper.measures.long import horizon
 from keycld_envs import resolve_env_id
-from keycld_envs.collect import CollectSettings, collect
+from keycld_envs.collect import PAPER_ACTION_RANGE, CollectSettings, collect
 from keycld_envs.recordings import Dataset, read_dataset
 
 TRAINING = 500
@@ -21,6 +21,7 @@ class Part:
         episodes: recordings.
         policy: of the actions.
         velocity: bound on initial joint velocities, rad/s or m/s.
+        action_range: bound on actions; None is the paper's.
         steps: frames; None for as many as the long measures need.
         seed: added to the data's own.
     """
@@ -29,6 +30,7 @@ class Part:
     episodes: int
     policy: str = "constant"
     velocity: float = 0.0
+    action_range: float | None = None
     steps: int | None = 50
     seed: int = 0
 
@@ -39,6 +41,7 @@ PARTS: dict[str, Part] = {
     "long": Part("long, constant actions", 20, steps=None, seed=2000),
     "varying": Part("actions that vary", 50, "piecewise", seed=3000),
     "moving": Part("actions that vary, starts in motion", 50, "piecewise", velocity=3.0, seed=4000),
+    "strong": Part("constant actions, up to twice as strong", 50, action_range=2 * PAPER_ACTION_RANGE, seed=5000),
 }
 """Seeds of the tests are never those of training."""
 
@@ -51,6 +54,7 @@ def recordings(folder: Path, system: str, part: str, seed: int, workers: int = 1
         steps=horizon(system) if what.steps is None else what.steps,
         policy=what.policy,
         velocity=what.velocity,
+        action_range=what.action_range,
         seed=seed + what.seed,
     )
     out = folder / system / part

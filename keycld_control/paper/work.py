@@ -7,15 +7,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from keycld_control.benchmarks.weights import SYSTEMS
 from keycld_control.paper.measures.angles import angle_table
 from keycld_control.paper.measures.energy import drift
-from keycld_control.paper.measures.frames import curve, table_row
-from keycld_control.paper.measures.long import beyond
+from keycld_control.paper.measures.frames import beginning, curve, table_row
+from keycld_control.paper.measures.long import FRAMES, beyond
+from keycld_control.paper.measures.lyapunov import lyapunov
 from keycld_control.paper.measures.masses import mass_ratio
+from keycld_control.paper.measures.memory import memory
 from keycld_control.paper.measures.potential import potential
-from keycld_control.paper.plan import WHOLE, Training
-from keycld_control.paper.recordings import recordings
-from keycld_control.paper.strips import write_strip
+from keycld_control.paper.measures.speed import speed
+from keycld_control.paper.plan import PAPER_VPT, WHOLE, Training
+from keycld_control.paper.recordings import PARTS, recordings
+from keycld_control.paper.strips import write_strip, write_swing_up
 from keycld_control.plain_json import write_json
 from keycld_envs import resolve_env_id, system_of
 from keycld_envs.errors import InputError
@@ -27,7 +31,7 @@ from keycld_model.config import ModelConfig
 from keycld_model.training import PRESETS, TrainingError, train
 from keycld_model.world_model import shipped_models
 
-SCHEMA = "keycld.paper/1"
+SCHEMA = "keycld.paper/2"
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,8 @@ def work_off(work: Work, trainings: Sequence[Training], workers: int = 1, ray: s
     """Do what is missing, each training with its measures in one process."""
     todo = [t for t in trainings if not work.result(t).is_file()]
     for training in todo:  # here, with all processes, before these need them
-        for part in ("test",) if _loaded(work, training) else ("test", "training"):
+        default = training.preset == "default" and training.sequences == WHOLE
+        for part in PARTS if default else ("test",) if _loaded(work, training) else ("test", "training"):
             recordings(work.out / "data", training.system, part, work.data_seed, workers)
     with progress("Models", total=len(trainings)) as advance:
         advance(len(trainings) - len(todo))
@@ -77,17 +82,25 @@ def one(work: Work, training: Training) -> None:
         result |= {"potential": potential(model, training.system), "mass_ratio": mass_ratio(model, training.system)}
     if training.preset == "default" and training.sequences == WHOLE:
         result |= of_default(model, training.system, test, load)
+        result["swing_up"] = write_swing_up(work.out / "strips" / f"{training.name}-swing-up.png", model)
+        if seconds is not None and (log := work.out / "models" / training.name).is_dir():
+            wanted = PAPER_VPT["default"][SYSTEMS.index(training.system)]
+            result["speed"] = speed(training.system, load("training"), log, wanted)
     write_json(work.result(training), result)
 
 
 def of_default(model: WorldModel, system: str, test: Dataset, load: Callable[[str], Dataset]) -> dict[str, Any]:
     """Figures that only the default's models have, from other data sets too."""
-    varying = {part: load(part) for part in ("varying", "moving")}
+    varying = {part: load(part) for part in ("varying", "moving", "strong")}
+    far, frames = load("long"), FRAMES[0]
+    long = beyond(model, system, far)
     return {
         "angles": {part: angle_table(model, data, 50) for part, data in {"test": test, **varying}.items()},
         "varying": {part: curve(model, data) for part, data in varying.items()},
         "integrators": drift(model, test),
-        "long": beyond(model, system, load("long")),
+        "long": long,
+        "lyapunov": lyapunov(system, beginning(far, frames), long["lengths"][f"{frames} frames"]["angle_valid"]),
+        "memory": memory(model, load("training").split()[0], test),
     }
 
 

@@ -4,7 +4,7 @@ Every function is unbatched (`jax.vmap` adds batches). Positions are flat `[n]` 
 """
 
 from keycld_model.physics.constraints import constraint, constraint_curvature, constraint_jacobian
-from keycld_model.physics.integrators import INTEGRATORS, Integrator, PointMasses, in_parts
+from keycld_model.physics.integrators import INTEGRATORS, Integrator, PointMasses, in_parts, in_turns
 from keycld_model.physics.lagrangian import acceleration, kinetic_energy, mass_matrix
 from keycld_model.physics.projection import project_position, project_velocity
 
@@ -17,6 +17,7 @@ __all__ = [
     "constraint_curvature",
     "constraint_jacobian",
     "in_parts",
+    "in_turns",
     "kinetic_energy",
     "mass_matrix",
     "project_position",

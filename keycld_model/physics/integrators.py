@@ -18,12 +18,14 @@ from jax import Array
 
 from keycld_envs.mechanism import Mechanism
 from keycld_model.numerics import rk4_step
-from keycld_model.physics.constraints import constraint, constraint_jacobian
+from keycld_model.physics.constraints import constraint, constraint_curvature, constraint_jacobian
 from keycld_model.physics.lagrangian import acceleration
 from keycld_model.physics.projection import project_position, project_velocity
 
 NEWTON = 4
 """Newton steps for the multipliers of a RATTLE step; they start from those of the accelerations."""
+TURN, MOST_PARTS = 0.1, 100
+"""rad that a rod may turn in a part of a step; and how many parts there are at most."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,12 @@ class PointMasses:
     def project_velocity(self, x: Array, v: Array) -> Array:
         """Nearest velocity that keeps the constraints."""
         return project_velocity(self.mechanism, self.masses, x, v, self.pivot)
+
+    def turning(self, v: Array) -> Array:
+        """How fast the fastest rod turns, rad/s, scalar."""
+        rods = len(self.mechanism.rods)
+        squares = constraint_curvature(self.mechanism, v)[:rods] / (2 * self.level[:rods])
+        return jnp.sqrt(jnp.max(squares, initial=0.0))
 
 
 Force = Callable[[Array], Array]
@@ -104,6 +112,21 @@ def in_parts(integrator: Integrator, parts: int) -> Integrator:
         one = partial(integrator, points, force)
         state, _ = jax.lax.scan(lambda s, _: (one(*s, step_size / parts), None), (x, v), length=parts)
         return state
+
+    return step
+
+
+def in_turns(integrator: Integrator, turn: float = TURN) -> Integrator:
+    """The same in as many equal steps as keep every rod from turning further than so many rad in one.
+
+    Fourth-order steps of 0.02 s are a tenth of a percent wrong at 25 rad/s, which adds up. Not to be differentiated
+    backwards.
+    """
+
+    def step(points: PointMasses, force: Force, x: Array, v: Array, step_size: float) -> tuple[Array, Array]:
+        turned = jax.lax.stop_gradient(points.turning(v)) * step_size / turn
+        parts = jnp.clip(jnp.nan_to_num(jnp.ceil(turned), nan=1), 1, MOST_PARTS).astype(int)
+        return jax.lax.fori_loop(0, parts, lambda _, s: integrator(points, force, *s, step_size / parts), (x, v))
 
     return step
 

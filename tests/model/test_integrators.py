@@ -10,7 +10,7 @@ import pytest
 from test_physics import Body
 
 from keycld_model import physics
-from keycld_model.physics import INTEGRATORS, PointMasses, in_parts
+from keycld_model.physics import INTEGRATORS, PointMasses, in_parts, in_turns
 from keycld_model.physics.integrators import projected, rattle
 
 pytestmark = pytest.mark.usefixtures("unoptimised", "x64")
@@ -115,3 +115,24 @@ def test_rattle_runs_backwards_to_where_it_began(swinging):
         again, speed = rattle(plant.points, plant.force, again, speed, 1 / 50)
     np.testing.assert_allclose(again, x[0], atol=1e-6)
     np.testing.assert_allclose(speed, -v[0], atol=1e-5)
+
+
+def test_fast_rods_are_moved_in_parts(swinging):
+    """Twenty turns per second, a third of a turn per frame."""
+    plant = swinging["pendulum"]
+    x, _ = plant.start
+    arm = np.asarray(x - plant.points.pivot)
+    speed = 2 * np.pi * 20.0
+    assert float(plant.points.turning(speed * jnp.array([-arm[1], arm[0]]))) == pytest.approx(speed)
+    for integrator, far in ((projected, True), (in_turns(projected), False)):
+        state = x, speed * jnp.array([-arm[1], arm[0]])
+        step = jax.jit(partial(integrator, plant.points, jnp.zeros_like))
+        for _ in range(60):
+            state = step(*state, 1 / 60)
+        assert (np.abs(state[0] - x).max() > 0.1 * np.linalg.norm(arm)) == far
+
+
+def test_slow_rods_are_moved_at_once(swinging):
+    plant = swinging["acrobot"]
+    for ours, theirs in zip(plant.run(in_turns(projected, 10.0), 20), plant.run(projected, 20), strict=True):
+        np.testing.assert_array_equal(ours, theirs)

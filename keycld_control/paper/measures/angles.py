@@ -32,10 +32,10 @@ def hinge_errors(model: WorldModel, decoded: NDArray[np.floating], truth: Sequen
     return np.abs(wrap(decoded - truth.qpos))[..., hinges].max(axis=-1)
 
 
-def angle_table(model: WorldModel, test: Dataset, frames: int) -> dict[str, Any]:
+def angle_table(model: WorldModel, test: Dataset, frames: int, context: int = CONTEXT_FRAMES) -> dict[str, Any]:
     """Fraction of the frames before an angle is first wrong by more than 0.2 rad, and the median error over time."""
     truth = beginning(test, frames)
-    positions, _ = model.rollout(truth.frames[:, :CONTEXT_FRAMES], truth.actions)
+    positions, _ = model.rollout(truth.frames[:, :context], truth.actions)
     errors = hinge_errors(model, decode(model, positions, truth), truth)
     valid = valid_frames(errors, WRONG) / errors.shape[1]
     return {
