@@ -16,7 +16,7 @@ from keycld_control.paper.measures.lyapunov import lyapunov
 from keycld_control.paper.measures.masses import mass_ratio
 from keycld_control.paper.measures.memory import memory
 from keycld_control.paper.measures.potential import potential
-from keycld_control.paper.measures.speed import speed
+from keycld_control.paper.measures.speed import reference_step, speed
 from keycld_control.paper.plan import PAPER_VPT, WHOLE, Training
 from keycld_control.paper.recordings import PARTS, recordings
 from keycld_control.paper.strips import write_strip, write_swing_up
@@ -85,7 +85,7 @@ def one(work: Work, training: Training) -> None:
         result["swing_up"] = write_swing_up(work.out / "strips" / f"{training.name}-swing-up.png", model)
         if seconds is not None and (log := work.out / "models" / training.name).is_dir():
             wanted = PAPER_VPT["default"][SYSTEMS.index(training.system)]
-            result["speed"] = speed(training.system, load("training"), log, wanted)
+            result["speed"] = speed(log, wanted, reference_step(training.system, load("training")))
     write_json(work.result(training), result)
 
 

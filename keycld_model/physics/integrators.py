@@ -126,7 +126,11 @@ def in_turns(integrator: Integrator, turn: float = TURN) -> Integrator:
     def step(points: PointMasses, force: Force, x: Array, v: Array, step_size: float) -> tuple[Array, Array]:
         turned = jax.lax.stop_gradient(points.turning(v)) * step_size / turn
         parts = jnp.clip(jnp.nan_to_num(jnp.ceil(turned), nan=1), 1, MOST_PARTS).astype(int)
-        return jax.lax.fori_loop(0, parts, lambda _, s: integrator(points, force, *s, step_size / parts), (x, v))
+
+        def advance(_: int, state: tuple[Array, Array]) -> tuple[Array, Array]:
+            return integrator(points, force, state[0], state[1], step_size / parts)
+
+        return jax.lax.fori_loop(0, parts, advance, (x, v))
 
     return step
 

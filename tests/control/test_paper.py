@@ -9,11 +9,11 @@ from plotly.offline import get_plotlyjs
 
 from keycld_control.cli import main
 from keycld_control.paper import work as working
-from keycld_control.paper.measures import speed as timing
 from keycld_control.paper.measures.long import _energy_changes, horizon, natural_frames
 from keycld_control.paper.measures.lyapunov import exponent
 from keycld_control.paper.measures.masses import equivalent_masses
 from keycld_control.paper.measures.memory import distances
+from keycld_control.paper.measures.speed import speed
 from keycld_control.paper.page import write_report
 from keycld_control.paper.plan import AMOUNTS, Training, trainings
 from keycld_control.paper.recordings import PARTS
@@ -100,13 +100,12 @@ def test_distances_between_recordings_know_what_a_turn_is():
     np.testing.assert_allclose(apart, [[2 * np.pi - 6.2, np.hypot(3.1, 1.0)]])
 
 
-def test_the_time_to_the_papers_score_is_that_of_the_first_stage_that_reached_it(tmp_path, monkeypatch):
+def test_the_time_to_the_papers_score_is_that_of_the_first_stage_that_reached_it(tmp_path):
     log = [{"step": 1, "validation_vpt": None, "seconds": 1.0}, {"step": 2, "loss": 0.1, "seconds": 2.0}]
     log += [{"step": 3, "validation_vpt": v, "seconds": s} for v, s in ((0.3, 3.0), (0.5, 4.0), (0.9, 5.0))]
     (tmp_path / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in log))
-    monkeypatch.setattr(timing, "reference_step", lambda *_: 2.0)
     for wanted, seconds in ((0.38, 4.0), (1.0, None)):
-        found = timing.speed("pendulum", None, tmp_path, wanted)
+        found = speed(tmp_path, wanted, 2.0)
         assert found["seconds"] == seconds and found["reference"] == 90_000
         assert found["times"] == (None if seconds is None else 22_500)
 

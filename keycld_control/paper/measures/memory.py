@@ -36,12 +36,12 @@ def memory(model: WorldModel, training: Dataset, test: Dataset, frames: int = 50
     nearest = apart.argmin(axis=1)
     errors, epsilon = prediction_errors(model, new.frames, new.actions), threshold(model, known.frames)
     replayed = np.array([_error(known.frames[k], truth) for k, truth in zip(nearest, new.frames, strict=True)])
-    correlation = spearmanr(apart.min(axis=1), errors.mean(axis=1))
+    rank, p_value = spearmanr(apart.min(axis=1), errors.mean(axis=1))
     return {
         "distance": apart.min(axis=1).tolist(),
         "error": errors.mean(axis=1).tolist(),
-        "spearman": float(correlation.statistic),
-        "p_value": float(correlation.pvalue),
+        "spearman": float(rank),
+        "p_value": float(p_value),
         "vpt": float(np.mean(valid_frames(errors, epsilon)) / frames),
         "replay_vpt": float(np.mean(valid_frames(replayed, epsilon)) / frames),
     }

@@ -21,23 +21,20 @@ STEPS = 5
 """That are timed, after one that compiles; the median counts."""
 
 
-def speed(system: str, dataset: Dataset, log: Path, wanted: float) -> dict[str, Any]:
+def speed(log: Path, wanted: float, step: float) -> dict[str, Any]:
     """Seconds until validation VPT reached that of the paper, beside seconds of the paper's 45,000 steps.
 
     Args:
-        system: short name.
-        dataset: what was trained with.
         log: folder of the training's log.
         wanted: the paper's VPT.
+        step: `reference_step`.
 
     Returns:
-        "seconds" at the end of the first stage that reached it, None if none did; "reference_step", s, with the exact
-        networks, batch and loss of the paper's table 2, timed in this process; "reference", s, of all its steps;
-        "times", the ratio.
+        "seconds" at the end of the first stage that reached it, None if none did; "reference_step", s; "reference",
+        s, of all its steps; "times", the ratio.
     """
     entries = [json.loads(line) for line in (log / NAME).read_text(encoding="utf-8").splitlines()]
     reached = [e["seconds"] for e in entries if (e.get("validation_vpt") or 0.0) >= wanted]
-    step = reference_step(system, dataset)
     whole = step * PRESETS["paper"].steps
     seconds = reached[0] if reached else None
     return {
@@ -50,7 +47,7 @@ def speed(system: str, dataset: Dataset, log: Path, wanted: float) -> dict[str, 
 
 
 def reference_step(system: str, dataset: Dataset, steps: int = STEPS) -> float:
-    """Seconds of one training step of the paper's size."""
+    """Seconds of one training step with the exact networks, batch and loss of the paper's table 2, in this process."""
     preset, name = PRESETS["paper"], resolve_env_id(system)
     (stage,) = preset.stages
     config = ModelConfig.of(dataset, system_of(name).mechanism, name, preset.networks)
