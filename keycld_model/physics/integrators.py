@@ -65,27 +65,29 @@ class PointMasses:
 
 
 Force = Callable[[Array], Array]
-Integrator = Callable[[PointMasses, Force, Array, Array, float], tuple[Array, Array]]
+Integrator = Callable[[PointMasses, Force, Array, Array, float | Array], tuple[Array, Array]]
 """(point masses, force `[n]` of positions `[n]`, positions, velocities, step size in s) -> positions and velocities."""
 
 
-def plain(points: PointMasses, force: Force, x: Array, v: Array, step_size: float) -> tuple[Array, Array]:
+def plain(points: PointMasses, force: Force, x: Array, v: Array, step_size: float | Array) -> tuple[Array, Array]:
     """A classical Runge-Kutta step of the equations of motion (paper, equation 6), which hold Phi'' at zero only."""
     return rk4_step(lambda x, v: points.acceleration(force(x), x, v), x, v, step_size)
 
 
-def velocity_projected(points: PointMasses, force: Force, x: Array, v: Array, step_size: float) -> tuple[Array, Array]:
+def velocity_projected(
+    points: PointMasses, force: Force, x: Array, v: Array, step_size: float | Array
+) -> tuple[Array, Array]:
     """The same, then velocities projected on D Phi v = 0 (paper, appendix A.9)."""
     x, v = plain(points, force, x, v, step_size)
     return x, points.project_velocity(x, v)
 
 
-def projected(points: PointMasses, force: Force, x: Array, v: Array, step_size: float) -> tuple[Array, Array]:
+def projected(points: PointMasses, force: Force, x: Array, v: Array, step_size: float | Array) -> tuple[Array, Array]:
     """The same, then positions projected on Phi = level, and velocities (Hairer et al., 2006, section IV.4)."""
     return points.project(*plain(points, force, x, v, step_size), 1)
 
 
-def rattle(points: PointMasses, force: Force, x: Array, v: Array, step_size: float) -> tuple[Array, Array]:
+def rattle(points: PointMasses, force: Force, x: Array, v: Array, step_size: float | Array) -> tuple[Array, Array]:
     """RATTLE (Andersen, 1983): symmetric, symplectic, and on the constraints at every step."""
     h, inverse_mass = step_size, 1.0 / jnp.repeat(points.masses, 2)
     mechanism, pivot = points.mechanism, points.pivot
@@ -108,7 +110,7 @@ def rattle(points: PointMasses, force: Force, x: Array, v: Array, step_size: flo
 def in_parts(integrator: Integrator, parts: int) -> Integrator:
     """The same in some steps of equal size."""
 
-    def step(points: PointMasses, force: Force, x: Array, v: Array, step_size: float) -> tuple[Array, Array]:
+    def step(points: PointMasses, force: Force, x: Array, v: Array, step_size: float | Array) -> tuple[Array, Array]:
         one = partial(integrator, points, force)
         state, _ = jax.lax.scan(lambda s, _: (one(*s, step_size / parts), None), (x, v), length=parts)
         return state
@@ -123,7 +125,7 @@ def in_turns(integrator: Integrator, turn: float = TURN) -> Integrator:
     backwards.
     """
 
-    def step(points: PointMasses, force: Force, x: Array, v: Array, step_size: float) -> tuple[Array, Array]:
+    def step(points: PointMasses, force: Force, x: Array, v: Array, step_size: float | Array) -> tuple[Array, Array]:
         turned = jax.lax.stop_gradient(points.turning(v)) * step_size / turn
         parts = jnp.clip(jnp.nan_to_num(jnp.ceil(turned), nan=1), 1, MOST_PARTS).astype(int)
 

@@ -36,7 +36,7 @@ def memory(model: WorldModel, training: Dataset, test: Dataset, frames: int = 50
     nearest = apart.argmin(axis=1)
     errors, epsilon = prediction_errors(model, new.frames, new.actions), threshold(model, known.frames)
     replayed = np.array([_error(known.frames[k], truth) for k, truth in zip(nearest, new.frames, strict=True)])
-    rank, p_value = spearmanr(apart.min(axis=1), errors.mean(axis=1))
+    rank, p_value = np.asarray(spearmanr(apart.min(axis=1), errors.mean(axis=1)), float)
     return {
         "distance": apart.min(axis=1).tolist(),
         "error": errors.mean(axis=1).tolist(),
