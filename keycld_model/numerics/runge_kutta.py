@@ -6,7 +6,7 @@ from jax import Array
 
 
 def rk4_step(
-    acceleration: Callable[[Array, Array], Array], x: Array, v: Array, step_size: float | Array | Array
+    acceleration: Callable[[Array, Array], Array], x: Array, v: Array, step_size: float | Array
 ) -> tuple[Array, Array]:
     """One step of a second-order system x'' = acceleration(x, x').
 
