@@ -19,12 +19,16 @@ RETRIES = 5
 """Times that work is done again whose machine was lost."""
 KNOCK = 10.0
 """Seconds to wait for a cluster to answer."""
+ONE_THREAD = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+"""For `XLA_FLAGS` of processes among others, whose threads would wait for each other's."""
 
 
 def each(function: Callable[[T], R], items: Sequence[T], workers: int, ray: str | None = None) -> Iterable[R]:
     """Results in order, from a Ray cluster, from processes with one thread of linear algebra each, or from this one."""
     if ray is not None:
         return map_on_ray(function, items, ray)
+    if workers > 1:
+        os.environ.setdefault("XLA_FLAGS", ONE_THREAD)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     return map(function, items) if workers == 1 else map_in_processes(function, items, workers)

@@ -8,7 +8,7 @@ import time
 from keycld_control.benchmarks.figure import Figure
 from keycld_control.benchmarks.weights import Weights
 from keycld_envs.progress import progress
-from keycld_envs.workers import map_in_processes
+from keycld_envs.workers import ONE_THREAD, map_in_processes
 
 REQUIRED = 300.0
 IMAGES, REPEATS = 250, 11
@@ -56,8 +56,7 @@ def _measure(
     if hasattr(os, "sched_setaffinity"):
         core = max(os.sched_getaffinity(0))
         os.sched_setaffinity(0, {core})
-    one_thread = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {one_thread}".strip()
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {ONE_THREAD}".strip()
     os.environ["JAX_PLATFORMS"] = "cpu"
 
     from keycld_control.closed_loop import LoopSettings, make_loop
