@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 
 from keycld_control.benchmarks.weights import SYSTEMS
 from keycld_control.paper.plan import ABLATIONS, OPTIMISERS, TITLES
-from keycld_control.paper.tables import Result, Table, chosen, tables
+from keycld_control.paper.tables import Result, Table, chosen, tables, with_measure
 from keycld_envs.files import atomic_file
 
 COLOURS = ("#1f6f9f", "#d08a1d", "#5b8a3a", "#b23a48", "#7b5aa6", "#555555")
@@ -83,14 +83,11 @@ def _curves(results: Sequence[Result]) -> go.Figure:
 
 def _potentials(results: Sequence[Result]) -> go.Figure:
     sweeps = [
-        (system, k, found[0]["potential"][k])
-        for system in SYSTEMS
-        if (found := [r for r in chosen(results, system, "default") if "potential" in r])
-        for k in range(len(found[0]["potential"]))
+        (system, sweep) for system, found in with_measure(results, "potential") for sweep in found[0]["potential"]
     ]
-    titles = [f"{system}, {sweep['title']} (figure {sweep['figure']})" for system, _, sweep in sweeps]
+    titles = [f"{system}, {sweep['title']} (figure {sweep['figure']})" for system, sweep in sweeps]
     figure = make_subplots((len(sweeps) + 1) // 2, 2, subplot_titles=titles)
-    for i, (_, _, sweep) in enumerate(sweeps):
+    for i, (_, sweep) in enumerate(sweeps):
         at = {"row": i // 2 + 1, "col": i % 2 + 1}
         figure.add_scatter(
             x=sweep["position"], y=sweep["true"], name="true", line={"color": "#999", "dash": "dot"},
@@ -105,13 +102,14 @@ def _potentials(results: Sequence[Result]) -> go.Figure:
 
 
 def _memories(results: Sequence[Result]) -> go.Figure:
-    figure = make_subplots(1, len(SYSTEMS), subplot_titles=SYSTEMS)
-    for c, system in enumerate(SYSTEMS, 1):
-        for r in [r for r in chosen(results, system, "default") if "memory" in r][:1]:
-            about = {"mode": "markers", "marker": {"color": COLOURS[0]}, "showlegend": False, "row": 1, "col": c}
-            figure.add_scatter(x=r["memory"]["distance"], y=r["memory"]["error"], **about)
+    measured = [(system, found[0]["memory"]) for system, found in with_measure(results, "memory")]
+    figure = make_subplots(1, len(measured), subplot_titles=[system for system, _ in measured])
+    for c, (_, memory) in enumerate(measured, 1):
+        about = {"mode": "markers", "marker": {"color": COLOURS[0]}, "showlegend": False, "row": 1, "col": c}
+        figure.add_scatter(x=memory["distance"], y=memory["error"], **about)
     figure.update_xaxes(title="distance", rangemode="tozero")
-    figure.update_yaxes(type="log", exponentformat="power", col=1, title="mean squared error")
+    figure.update_yaxes(type="log", exponentformat="power")
+    figure.update_yaxes(title="mean squared error", col=1)
     return figure.update_layout(template="plotly_white", height=360, margin={"t": 50})
 
 

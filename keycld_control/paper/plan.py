@@ -12,13 +12,16 @@ OPTIMISERS = ("joint", "joint-sign")
 AMOUNTS = (25, 50, 100, 200)
 """Sequences to train with; 450 are the paper's."""
 WHOLE = 450
-PAPER_VPT = {
-    "default": (0.38, 1.00, 1.00),
-    "nc": (0.20, 0.48, 0.50),
-    "node2": (0.12, 0.26, 0.44),
-    "fc": (0.00, 0.10, 0.00),
+PAPER_VPT: dict[str, dict[str, float]] = {
+    preset: dict(zip(SYSTEMS, scores, strict=True))
+    for preset, scores in {
+        "default": (0.38, 1.00, 1.00),
+        "nc": (0.20, 0.48, 0.50),
+        "node2": (0.12, 0.26, 0.44),
+        "fc": (0.00, 0.10, 0.00),
+    }.items()
 }
-"""The paper's table 1: pendulum, cartpole, acrobot; fractions of 50 frames, from two frames."""
+"""The paper's table 1, by preset and system; fractions of 50 frames, from two frames."""
 TITLES = {
     "default": "KeyCLD",
     "nc": "KeyCLD-NC",
@@ -50,6 +53,11 @@ class Training:
         """Of its folder."""
         amount = "" if self.sequences == WHOLE else f"-{self.sequences}"
         return f"{self.system}-{self.preset}-{self.seed}{amount}"
+
+    @property
+    def is_default(self) -> bool:
+        """Whether it is our recipe on the paper's data, of which most is measured."""
+        return self.preset == "default" and self.sequences == WHOLE
 
     @property
     def recordings(self) -> int:

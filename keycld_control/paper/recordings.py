@@ -44,6 +44,8 @@ PARTS: dict[str, Part] = {
     "strong": Part("constant actions, up to twice as strong", 50, action_range=2 * PAPER_ACTION_RANGE, seed=5000),
 }
 """Seeds of the tests are never those of training."""
+VARIED = ("varying", "moving", "strong")
+"""Tests of 50 frames with actions or starts like none of training."""
 
 
 def recordings(folder: Path, system: str, part: str, seed: int, workers: int = 1) -> Dataset:

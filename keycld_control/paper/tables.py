@@ -1,6 +1,6 @@
 """The figures of all models as tables: rows of text, for Markdown and for the page."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,10 +9,9 @@ from scipy import stats
 
 from keycld_control.benchmarks.weights import SYSTEMS
 from keycld_control.paper.plan import ABLATIONS, AMOUNTS, OPTIMISERS, PAPER_VPT, TITLES, WHOLE
-from keycld_control.paper.recordings import PARTS
+from keycld_control.paper.recordings import PARTS, VARIED
 
 Result = Mapping[str, Any]
-ACTIONS = {"test": PARTS["test"].title, **{part: PARTS[part].title for part in ("varying", "moving", "strong")}}
 CONFIDENCE = 0.95
 
 
@@ -52,12 +51,12 @@ def vpt(results: Sequence[Result]) -> Table:
     """Table 1 of the paper beside ours."""
     rows = []
     for preset in (*ABLATIONS, *OPTIMISERS):
-        for s, system in enumerate(SYSTEMS):
+        for system in SYSTEMS:
             if not (found := chosen(results, system, preset)):
                 continue
             scores = [r["table"] for r in found if "table" in r]
             failed = len(found) - len(scores)
-            paper = f"{PAPER_VPT[preset][s]:.2f}" if preset in PAPER_VPT else "–"
+            paper = f"{PAPER_VPT[preset][system]:.2f}" if preset in PAPER_VPT else "–"
             cells = [interval([t[name] for t in scores]) for name in ("vpt_from_2", "vpt_from_5", "vpt_from_10")]
             index = interval([t["frame_index_from_2"] for t in scores], 1)
             count = f"{len(scores)}" + (f", {failed} failed" if failed else "")
@@ -97,13 +96,11 @@ def amounts(results: Sequence[Result]) -> Table:
 def actions(results: Sequence[Result]) -> Table:
     """What actions and starts like none of training do."""
     rows = []
-    for part, title in ACTIONS.items():
-        for system in SYSTEMS:
-            if not (found := [r for r in chosen(results, system, "default") if part in r.get("angles", ())]):
-                continue
+    for part in ("test", *VARIED):
+        for system, found in with_measure(results, "angles"):
+            frames = [{"test": r["curve"], **r["varying"]}[part]["vpt"] for r in found]
             valid = [r["angles"][part]["mean"] for r in found]
-            frames = [(r["varying"] if part in r["varying"] else {part: r["curve"]})[part]["vpt"] for r in found]
-            rows.append((title, system, interval(frames), interval(valid)))
+            rows.append((PARTS[part].title, system, interval(frames), interval(valid)))
     return Table(
         "Other actions, other starts",
         "50 frames, from five. Angles are valid until one is wrong by more than 0.2 rad.",
@@ -115,10 +112,7 @@ def actions(results: Sequence[Result]) -> Table:
 def long(results: Sequence[Result]) -> Table:
     """Beyond 50 frames."""
     rows = []
-    for system in SYSTEMS:
-        found = [r for r in chosen(results, system, "default") if "long" in r]
-        if not found:
-            continue
+    for system, found in with_measure(results, "long"):
         for i, title in enumerate(found[0]["long"]["lengths"]):
             parts = [r["long"]["lengths"][title] for r in found]
             cells = (interval([p[name] for p in parts]) for name in ("vpt", "angle_vpt"))
@@ -135,12 +129,10 @@ def long(results: Sequence[Result]) -> Table:
 def chaos(results: Sequence[Result]) -> Table:
     """Angles against the time in which the true mechanism forgets."""
     rows = []
-    for system in SYSTEMS:
-        if not (found := [r["lyapunov"] for r in chosen(results, system, "default") if "lyapunov" in r]):
-            continue
-        time = found[0]["time"]
-        middle = interval([f["median_valid"] for f in found], 2)
-        greatest = interval([float(np.max(f["valid"])) for f in found], 1)
+    for system, found in with_measure(results, "lyapunov"):
+        time = found[0]["lyapunov"]["time"]
+        middle = interval([r["lyapunov"]["median_valid"] for r in found], 2)
+        greatest = interval([max(r["lyapunov"]["valid"]) for r in found], 1)
         rows.append((system, "–" if time is None else f"{time:.2f} s", middle, greatest))
     return Table(
         "Lyapunov times",
@@ -154,12 +146,10 @@ def chaos(results: Sequence[Result]) -> Table:
 def recall(results: Sequence[Result]) -> Table:
     """Whether predictions are memories."""
     rows = []
-    for system in SYSTEMS:
-        if not (found := [r["memory"] for r in chosen(results, system, "default") if "memory" in r]):
-            continue
-        cells = [interval([f[name] for f in found]) for name in ("vpt", "replay_vpt")]
-        rank = interval([f["spearman"] for f in found], 2)
-        rows.append((system, *cells, rank, f"{min(f['p_value'] for f in found):.2g}"))
+    for system, found in with_measure(results, "memory"):
+        vpt, memory = interval([r["curve"]["vpt"] for r in found]), [r["memory"] for r in found]
+        replay, rank = interval([m["replay_vpt"] for m in memory]), interval([m["spearman"] for m in memory], 2)
+        rows.append((system, vpt, replay, rank, f"{min(m['p_value'] for m in memory):.2g}"))
     return Table(
         "Learned or remembered",
         "Replay shows the nearest training recording (start and action) in place of a prediction. Rank correlation of "
@@ -173,11 +163,10 @@ def recall(results: Sequence[Result]) -> Table:
 def swing_ups(results: Sequence[Result]) -> Table:
     """The episodes whose frames are shown."""
     rows = []
-    for system in SYSTEMS:
-        for r in chosen(results, system, "default"):
-            if "swing_up" in r:
-                up = r["swing_up"]["upright_s"]
-                rows.append((system, str(r["seed"]), "never" if up is None else f"{up:.1f} s"))
+    for system, found in with_measure(results, "swing_up"):
+        for r in found:
+            up = r["swing_up"]["upright_s"]
+            rows.append((system, str(r["seed"]), "never" if up is None else f"{up:.1f} s"))
     return Table(
         "Swing-up from hanging (figure 5)",
         "One episode each, environment seed 0; `keycld swingup` counts hundreds.",
@@ -189,13 +178,12 @@ def swing_ups(results: Sequence[Result]) -> Table:
 def sooner(results: Sequence[Result]) -> Table:
     """Training times."""
     rows = []
-    for system in SYSTEMS:
-        if not (found := [r["speed"] for r in chosen(results, system, "default") if "speed" in r]):
-            continue
-        seconds = [f["seconds"] for f in found if f["seconds"] is not None]
-        times = [f["times"] for f in found if f["times"] is not None]
-        cells = interval(seconds, 0), interval([f["reference_step"] for f in found], 2), interval(times, 0)
-        rows.append((system, f"{found[0]['wanted']:.2f}", *cells, f"{len(seconds)} of {len(found)}"))
+    for system, found in with_measure(results, "speed"):
+        speeds = [r["speed"] for r in found]
+        reached = [s for s in speeds if s["seconds"] is not None]
+        ours, times = (interval([s[name] for s in reached], 0) for name in ("seconds", "times"))
+        step = interval([s["reference_step"] for s in speeds], 2)
+        rows.append((system, f"{speeds[0]['wanted']:.2f}", ours, step, times, f"{len(reached)} of {len(found)}"))
     return Table(
         "Time to the paper's VPT",
         "Seconds of training until a stage ended with the paper's VPT or more, on validation data; a training step of "
@@ -208,9 +196,8 @@ def sooner(results: Sequence[Result]) -> Table:
 def potential(results: Sequence[Result]) -> Table:
     """Shape of V, and masses."""
     rows = []
-    for system in SYSTEMS:
-        found = [r for r in chosen(results, system, "default") if "potential" in r]
-        for k in range(len(found[0]["potential"]) if found else 0):
+    for system, found in with_measure(results, "potential"):
+        for k in range(len(found[0]["potential"])):
             sweeps = [r["potential"][k] for r in found]
             r2 = [s["r2"] for s in sweeps if s["r2"] is not None]
             shape = f"R² {interval(r2, 4)}" if r2 else f"changes by {interval([s['change'] for s in sweeps], 3)}"
@@ -231,9 +218,8 @@ def potential(results: Sequence[Result]) -> Table:
 def integrators(results: Sequence[Result]) -> Table:
     """Drift of the learned energy."""
     rows = []
-    for system in SYSTEMS:
-        found = [r for r in chosen(results, system, "default") if "integrators" in r]
-        for name in found[0]["integrators"] if found else ():
+    for system, found in with_measure(results, "integrators"):
+        for name in found[0]["integrators"]:
             parts = [r["integrators"][name] for r in found]
             cells = (worst(np.concatenate([p[key] for p in parts])) for key in ("change", "drift"))
             off = max(p["off_constraints"] or 0.0 for p in parts)
@@ -251,6 +237,13 @@ def chosen(results: Iterable[Result], system: str, preset: str, sequences: int =
     """All seeds of one model."""
     wanted = (system, preset, sequences)
     return [r for r in results if (r["system"], r["preset"], r["sequences"]) == wanted]
+
+
+def with_measure(results: Sequence[Result], name: str) -> Iterator[tuple[str, list[Result]]]:
+    """Every system with the seeds of the default that have a measure, if any."""
+    for system in SYSTEMS:
+        if found := [r for r in chosen(results, system, "default") if name in r]:
+            yield system, found
 
 
 def interval(values: Sequence[float], digits: int = 3) -> str:

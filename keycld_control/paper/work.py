@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from keycld_control.benchmarks.weights import SYSTEMS
 from keycld_control.paper.measures.angles import angle_table
 from keycld_control.paper.measures.energy import drift
 from keycld_control.paper.measures.frames import beginning, curve, table_row
@@ -18,7 +17,7 @@ from keycld_control.paper.measures.memory import memory
 from keycld_control.paper.measures.potential import potential
 from keycld_control.paper.measures.speed import reference_step, speed
 from keycld_control.paper.plan import PAPER_VPT, WHOLE, Training
-from keycld_control.paper.recordings import PARTS, recordings
+from keycld_control.paper.recordings import PARTS, VARIED, recordings
 from keycld_control.paper.strips import write_strip, write_swing_up
 from keycld_control.plain_json import write_json
 from keycld_envs import resolve_env_id, system_of
@@ -57,8 +56,7 @@ def work_off(work: Work, trainings: Sequence[Training], workers: int = 1, ray: s
     """Do what is missing, each training with its measures in one process."""
     todo = [t for t in trainings if not work.result(t).is_file()]
     for training in todo:  # here, with all processes, before these need them
-        default = training.preset == "default" and training.sequences == WHOLE
-        for part in PARTS if default else ("test",) if _loaded(work, training) else ("test", "training"):
+        for part in PARTS if training.is_default else ("test", "training"):
             recordings(work.out / "data", training.system, part, work.data_seed, workers)
     with progress("Models", total=len(trainings)) as advance:
         advance(len(trainings) - len(todo))
@@ -80,18 +78,20 @@ def one(work: Work, training: Training) -> None:
     result |= {"training_s": seconds, "table": table_row(model, test), "curve": curve(model, test)}
     if model.config.networks.motion == "constrained":
         result |= {"potential": potential(model, training.system), "mass_ratio": mass_ratio(model, training.system)}
-    if training.preset == "default" and training.sequences == WHOLE:
-        result |= of_default(model, training.system, test, load)
+    if training.is_default:
+        result |= of_default(model, training.system, test, result["curve"]["errors"], load)
         result["swing_up"] = write_swing_up(work.out / "strips" / f"{training.name}-swing-up.png", model)
         if seconds is not None and (log := work.out / "models" / training.name).is_dir():
-            wanted = PAPER_VPT["default"][SYSTEMS.index(training.system)]
-            result["speed"] = speed(log, wanted, reference_step(training.system, load("training")))
+            wanted, step = PAPER_VPT["default"][training.system], reference_step(training.system, load("training"))
+            result["speed"] = speed(log, wanted, step)
     write_json(work.result(training), result)
 
 
-def of_default(model: WorldModel, system: str, test: Dataset, load: Callable[[str], Dataset]) -> dict[str, Any]:
-    """Figures that only the default's models have, from other data sets too."""
-    varying = {part: load(part) for part in ("varying", "moving", "strong")}
+def of_default(
+    model: WorldModel, system: str, test: Dataset, errors: list[float], load: Callable[[str], Dataset]
+) -> dict[str, Any]:
+    """Figures that only the default's models have, from other data sets too; `errors` are those of the test's curve."""
+    varying = {part: load(part) for part in VARIED}
     far, frames = load("long"), FRAMES[0]
     long = beyond(model, system, far)
     return {
@@ -100,7 +100,7 @@ def of_default(model: WorldModel, system: str, test: Dataset, load: Callable[[st
         "integrators": drift(model, test),
         "long": long,
         "lyapunov": lyapunov(system, beginning(far, frames), long["lengths"][f"{frames} frames"]["angle_valid"]),
-        "memory": memory(model, load("training").split()[0], test),
+        "memory": memory(model, load("training").split()[0], test, errors),
     }
 
 

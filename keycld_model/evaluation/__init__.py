@@ -4,6 +4,7 @@ from keycld_model.evaluation.evaluate import Evaluation, evaluate
 from keycld_model.evaluation.valid_prediction_time import (
     frame_errors,
     prediction_errors,
+    squared_error,
     static_error,
     threshold,
     valid_frames,
@@ -14,6 +15,7 @@ __all__ = [
     "evaluate",
     "frame_errors",
     "prediction_errors",
+    "squared_error",
     "static_error",
     "threshold",
     "valid_frames",

@@ -10,7 +10,13 @@ from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Dataset
 from keycld_model.evaluation.joint_coordinates import circular_r2, joint_angles, linear_r2, slider_positions
-from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, threshold, valid_frames
+from keycld_model.evaluation.valid_prediction_time import (
+    frame_errors,
+    prediction_errors,
+    static_error,
+    threshold,
+    valid_frames,
+)
 from keycld_model.world_model import CONTEXT_FRAMES, WorldModel
 
 
@@ -86,9 +92,6 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
     errors = prediction_errors(model, stacked.frames, stacked.actions, context)
     fractions = valid_frames(errors, epsilon) / t
     keypoints = model.keypoints(stacked.frames)
-    drawn = [
-        np.mean((model.render(k) - f / np.float32(255)) ** 2) for k, f in zip(keypoints, stacked.frames, strict=True)
-    ]
     index = np.minimum(valid_frames(errors, static_error(stacked.frames)), t - 1)
     return Evaluation(
         system=model.system,
@@ -101,7 +104,7 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
         vpt_interval=_interval(fractions),
         vpt_full=int((fractions == 1).sum()),
         vpt_frame_index=float(index.mean()),
-        reconstruction_mse=float(np.mean(drawn)),
+        reconstruction_mse=float(frame_errors(model, keypoints, stacked.frames).mean()),
         circular_r2=_agreement(model, keypoints, stacked.qpos),
         constraint_residual=_constraint_residual(model, keypoints),
     )

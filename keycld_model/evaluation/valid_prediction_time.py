@@ -55,9 +55,13 @@ def frame_errors(model: WorldModel, positions: NDArray[np.floating], frames: NDA
     """
     errors = np.empty(frames.shape[:2])
     for i, sequence in enumerate(frames):
-        predicted = model.render(positions[i])
-        errors[i] = ((predicted - sequence.astype(np.float32) / 255.0) ** 2).mean(axis=(1, 2, 3))
+        errors[i] = squared_error(model.render(positions[i]), sequence)
     return errors
+
+
+def squared_error(predicted: NDArray[np.float32], truth: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Mean squared error `[T]` per value of images `[T, H, W, 3]`, the predicted ones in 0 to 1."""
+    return ((predicted - truth.astype(np.float32) / 255.0) ** 2).mean(axis=(1, 2, 3))
 
 
 def threshold(model: WorldModel, frames: NDArray[np.uint8]) -> float:

@@ -10,7 +10,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -107,13 +106,14 @@ def rattle(points: PointMasses, force: Force, x: Array, v: Array, step_size: flo
     return x, points.project_velocity(x, half + 0.5 * h * inverse_mass * force(x))
 
 
-def in_parts(integrator: Integrator, parts: int) -> Integrator:
-    """The same in some steps of equal size."""
+def in_parts(integrator: Integrator, parts: int | Array) -> Integrator:
+    """The same in some steps of equal size; not to be differentiated backwards if their number is not fixed."""
 
     def step(points: PointMasses, force: Force, x: Array, v: Array, step_size: float | Array) -> tuple[Array, Array]:
-        one = partial(integrator, points, force)
-        state, _ = jax.lax.scan(lambda s, _: (one(*s, step_size / parts), None), (x, v), length=parts)
-        return state
+        def one(_: int, state: tuple[Array, Array]) -> tuple[Array, Array]:
+            return integrator(points, force, state[0], state[1], step_size / parts)
+
+        return jax.lax.fori_loop(0, parts, one, (x, v))
 
     return step
 
@@ -121,18 +121,13 @@ def in_parts(integrator: Integrator, parts: int) -> Integrator:
 def in_turns(integrator: Integrator, turn: float = TURN) -> Integrator:
     """The same in as many equal steps as keep every rod from turning further than so many rad in one.
 
-    Fourth-order steps of 0.02 s are a tenth of a percent wrong at 25 rad/s, which adds up. Not to be differentiated
-    backwards.
+    Fourth-order steps of 0.02 s brake a free rod of 25 rad/s by a percent in 2 s. Not to be differentiated backwards.
     """
 
     def step(points: PointMasses, force: Force, x: Array, v: Array, step_size: float | Array) -> tuple[Array, Array]:
         turned = jax.lax.stop_gradient(points.turning(v)) * step_size / turn
         parts = jnp.clip(jnp.nan_to_num(jnp.ceil(turned), nan=1), 1, MOST_PARTS).astype(int)
-
-        def advance(_: int, state: tuple[Array, Array]) -> tuple[Array, Array]:
-            return integrator(points, force, state[0], state[1], step_size / parts)
-
-        return jax.lax.fori_loop(0, parts, advance, (x, v))
+        return in_parts(integrator, parts)(points, force, x, v, step_size)
 
     return step
 

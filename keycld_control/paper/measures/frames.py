@@ -42,7 +42,7 @@ def beginning(test: Dataset, frames: int) -> Sequences:
 
 
 def curve(model: WorldModel, test: Dataset, frames: int = 50, context: int = CONTEXT_FRAMES) -> dict[str, Any]:
-    """Mean squared error of every predicted frame: mean and band over recordings, and what stays valid.
+    """Mean squared error of every predicted frame: mean and band over recordings, each one's, and what stays valid.
 
     Args:
         model: the world model.
@@ -57,6 +57,7 @@ def curve(model: WorldModel, test: Dataset, frames: int = 50, context: int = CON
     low, high = np.percentile(errors, BAND, axis=0)
     return {
         "mean": errors.mean(axis=0).tolist(),
+        "errors": errors.mean(axis=1).tolist(),
         "low": low.tolist(),
         "high": high.tolist(),
         "epsilon": epsilon,

@@ -1,5 +1,6 @@
 """Does a model remember training recordings, or has it learned how they move?"""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,38 +13,39 @@ from keycld_envs.collect import PAPER_ACTION_RANGE
 from keycld_envs.recordings import Dataset
 from keycld_envs.recordings.dataset import Sequences
 from keycld_model import WorldModel
-from keycld_model.evaluation import prediction_errors, threshold, valid_frames
+from keycld_model.evaluation import squared_error, threshold, valid_frames
 from keycld_model.evaluation.joint_coordinates import wrap
 
 
-def memory(model: WorldModel, training: Dataset, test: Dataset, frames: int = 50) -> dict[str, Any]:
+def memory(
+    model: WorldModel, training: Dataset, test: Dataset, errors: Sequence[float], frames: int = 50
+) -> dict[str, Any]:
     """Errors of predictions against the distance to the nearest training recording, and what replaying that gives.
 
     Args:
         model: the world model.
         training: recordings that it was trained with.
         test: recordings that it has not seen, that start at rest with actions that are constant.
-        frames: of each.
+        errors: mean squared error of its predictions of each test recording.
+        frames: of each recording.
 
     Returns:
-        "distance" and "error" (mean squared error over the frames) per test recording; "spearman", their rank
-        correlation, and its "p_value"; "vpt" of the model and "replay_vpt" of the nearest training recording.
+        "distance" and "error" per test recording; "spearman", their rank correlation, and its "p_value"; "replay_vpt",
+        the valid prediction time of the nearest training recording.
     """
     assert model.system is not None
     hinges = np.array([joint.kind == "hinge" for joint in system_of(model.system).joints])
     known, new = beginning(training, frames), beginning(test, frames)
     apart = distances(known, new, hinges)
-    nearest = apart.argmin(axis=1)
-    errors, epsilon = prediction_errors(model, new.frames, new.actions), threshold(model, known.frames)
-    replayed = np.array([_error(known.frames[k], truth) for k, truth in zip(nearest, new.frames, strict=True)])
-    rank, p_value = np.asarray(spearmanr(apart.min(axis=1), errors.mean(axis=1)), float)
+    nearest = known.frames[apart.argmin(axis=1)]
+    replayed = np.array([squared_error(k / np.float32(255), f) for k, f in zip(nearest, new.frames, strict=True)])
+    rank, p_value = np.asarray(spearmanr(apart.min(axis=1), errors), float)
     return {
         "distance": apart.min(axis=1).tolist(),
-        "error": errors.mean(axis=1).tolist(),
+        "error": list(errors),
         "spearman": float(rank),
         "p_value": float(p_value),
-        "vpt": float(np.mean(valid_frames(errors, epsilon)) / frames),
-        "replay_vpt": float(np.mean(valid_frames(replayed, epsilon)) / frames),
+        "replay_vpt": float(np.mean(valid_frames(replayed, threshold(model, known.frames))) / frames),
     }
 
 
@@ -54,8 +56,3 @@ def distances(known: Sequences, new: Sequences, hinges: NDArray[np.bool_]) -> ND
     poses = np.where(hinges, wrap(poses), poses)
     actions = (new.actions[:, None, 0] - known.actions[None, :, 0]) / PAPER_ACTION_RANGE
     return np.sqrt((poses**2).sum(axis=-1) + (actions**2).sum(axis=-1))
-
-
-def _error(predicted: NDArray[np.uint8], truth: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Mean squared error of every frame."""
-    return (((predicted.astype(np.float32) - truth) / 255) ** 2).mean(axis=(1, 2, 3), dtype=np.float64)
