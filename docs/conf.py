@@ -15,11 +15,11 @@ copyright = author
 release = metadata.version("keycld")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
-exclude_patterns = ["_build", "conftest.py"]
+exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"KeyCLD {release}"
 
-myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"

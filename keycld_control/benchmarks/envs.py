@@ -18,27 +18,17 @@ REPEATS, STEPS = 9, 40
 REQUIRED = {"fast": 5.0, "full": 1.0}
 
 
-def frames_per_second(repeats: int = REPEATS, steps: int = STEPS) -> dict[str, dict[str, float]]:
-    """Step the three systems with a 64 x 64 image each step: dm_control, and KeyCLD in both render qualities.
+def speed_figures(systems: Sequence[str] = SYSTEMS, repeats: int = REPEATS, steps: int = STEPS) -> Iterator[Figure]:
+    """Frames per second with a 64 x 64 image each step: dm_control's, and KeyCLD's in both render qualities.
 
-    The three take turns, so that other load on the machine meets all alike.
+    The three take turns, so that other load on the machine meets all alike. A figure is the ratio to dm_control within
+    a turn; its details are fps_dm_control, fps_fast, fps_full, ratio_fast and ratio_full, or the reason why there are
+    none where dm_control is not installed.
 
     Args:
+        systems: short names.
         repeats: number of turns; medians over turns are returned.
         steps: steps per turn.
-
-    Returns:
-        system -> fps_dm_control, fps_fast, fps_full (frames per second), ratio_fast and ratio_full (against
-        dm_control within the same turn).
-
-    Raises:
-        InputError: if dm_control is not installed.
-    """
-    return {system: _measure(system, repeats, steps) for system in SYSTEMS}
-
-
-def speed_figures(systems: Sequence[str] = SYSTEMS, repeats: int = REPEATS, steps: int = STEPS) -> Iterator[Figure]:
-    """The same as rows of the report; without figures where dm_control is not installed.
 
     Raises:
         InputError: if there is no OpenGL, of which dm_control would say less.

@@ -5,7 +5,7 @@ command line, and a function `run(args)`, which may return an exit code. Its mod
 `keycld --help`. Only the module of the command in use is imported.
 
 Exit codes: 0, 2 for input that cannot be used (one sentence on stderr), 130 after Ctrl-C; `diagnose` has 10 for
-missing physics and 11 for recordings that cannot tell.
+missing physics and 11 for recordings that cannot tell, `real` 1 for a gate that is not reached.
 """
 
 import ast

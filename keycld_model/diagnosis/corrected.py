@@ -18,7 +18,6 @@ from keycld_model.diagnosis.words import call, spelled_out
 
 Element = ElementTree.Element
 Model = mujoco.MjModel
-_ALL = mujoco.mjtDisableBit
 COPIED = {
     "body": ("body_pos", "body_quat", "body_mass", "body_ipos", "body_iquat", "body_inertia"),
     "joint": ("jnt_pos", "jnt_axis", "jnt_stiffness", "jnt_stiffnesspoly", "jnt_range"),

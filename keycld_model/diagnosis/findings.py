@@ -21,7 +21,7 @@ EXPLAINED, SURE = 0.15, 4.0
 """Above one, what the mean square of whitened residuals may be where only noise is left: the variance of the noise is
 known to some 5 %, and the mean square to so many standard deviations."""
 RIGHT = {"explained": 0.91, "left": 0.29, "beside": 0.23}
-"""Share of findings without rivals that are right, on 300 sealed cases of the blind benchmark (docs/blind.md, by
+"""Share of findings with a name that are right, on 300 sealed cases of the blind benchmark (docs/blind.md, by
 Laplace's rule): where named effects leave only noise, where they leave more, and beside pushes or an unknown force."""
 ALONG = {
     "N m": "N",

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 POSITION_STEP, VELOCITY_STEP = 1e-4, 1e-3
 """Steps of derivatives with respect to initial states."""
 ATTEMPTS = 5
-"""Steps tried, each ten times more cautious, before the fit counts as converged."""
+"""Steps tried, each thirty times more cautious, before the fit counts as converged."""
 FAR, SETTLING = 3.0, 4
 """Windows that cost so many times the median get steps of their own for their initial states."""
 FARTHEST = 8.0
@@ -31,7 +31,7 @@ DIVERGED = 1e5
 PLACES = (-2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0)
 """Where else in its play a rotor may be, in halves of it."""
 JUMP_STEP = 1e-3
-"""The same to jumps of rotors, in standard deviations expected of them."""
+"""Step of derivatives with respect to jumps of rotors, in standard deviations expected of them."""
 OUTLIER = 4.0
 """Deviation, in standard deviations of the noise, from which the cost of a window's sample grows linearly."""
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
 from keycld_envs.effects.base import TransmissionEffect
@@ -14,7 +13,6 @@ from keycld_model.diagnosis.hypotheses import hypotheses, seen
 from keycld_model.diagnosis.screening import promising
 from keycld_model.diagnosis.simulator import rotors, unsettled
 
-Array = NDArray[np.float64]
 REFINED = {1: 4, 2: 3, 3: 2}
 """Sets of one, two and three effects that are refined a little after each linear scoring."""
 GLANCE = 3

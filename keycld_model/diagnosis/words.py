@@ -117,7 +117,7 @@ def headline(verdict: str, findings: list[Finding], errors: FitErrors, unit: str
         message: of what stays unexplained.
     """
     if not findings:
-        if verdict == "no_mismatch" and message:
+        if message:
             return f"No effect of the library explains what differs. {message}"
         return "Nothing is missing. With masses, lengths and encoder zeros refitted, only noise is left."
     what = _few(findings) if len(findings) < 3 else _many(findings)

@@ -43,9 +43,7 @@ def found_windows(report: Report, joint: str) -> list[tuple[Span, float]]:
     out = []
     for finding in report.findings:
         if finding.effect == "external_pulse" and finding.where["name"] == joint:
-            value = {name: e.value for name, e in finding.parameters.items()}
-            own = (value.get("start", np.nan), value.get("start", np.nan) + value.get("duration", np.nan))
-            out += [((float(a), float(b)), value.get("f", 1.0)) for a, b in finding.when or [own]]
+            out += [((float(a), float(b)), finding.parameters["f"].value) for a, b in finding.when or ()]
     return out
 
 
