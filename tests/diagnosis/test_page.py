@@ -92,10 +92,8 @@ def test_the_page_says_that_something_stays_unexplained(report):
     left = Unexplained(True, 1.0, "hinge", "The joint 'hinge' still deviates by 9.0 times the noise of its sensor.")
     odd = replace(report, verdict="undetermined", findings=[], unexplained=left)
     text = Loads(html_page(odd)).text.replace("\N{NO-BREAK SPACE}", " ")
-    assert (
-        f"No effect of the library explains what differs. {left.message}" in text
+    assert f"No effect of the library explains what differs. {left.message}" in text
     assert "Nothing is missing" not in text
-    )
 
 
 def test_the_page_needs_nothing_else_and_is_small(page):
