@@ -1,5 +1,6 @@
 """Find physics that a simulator lacks, from recordings of joints."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,6 +41,7 @@ class Args:
 def run(args: Args) -> int:
     """Diagnose, write and print the report."""
     keep_compiled()
+    from keycld_envs.errors import InputError
     from keycld_envs.recordings import read_dataset
     from keycld_model.diagnosis import diagnose
     from keycld_model.diagnosis.corrected import write_corrected
@@ -49,22 +51,34 @@ def run(args: Args) -> int:
 
     recordings = read_dataset(args.recordings).recordings
     held_out = read_dataset(args.held_out).recordings if args.held_out else ()
+    if args.mjcf is not None and args.env is not None:
+        raise InputError("There are two simulators, --env and --mjcf; name one.")
+    if args.mjcf is None and args.env is None and len(systems := {r.system for r in recordings}) > 1:
+        raise InputError(
+            f"{args.recordings}, field system: the recordings name {len(systems)} simulators, "
+            f"{', '.join(sorted(map(str, systems)))}; say which to compare with, --env or --mjcf."
+        )
     source = Source.of(args.mjcf, args.env or recordings[0].system)
-    report = diagnose(recordings, source.model, held_out, args.tracked)
     if args.out is not None:
         args.out.mkdir(parents=True, exist_ok=True)
+    report = diagnose(recordings, source.model, held_out, args.tracked)
+    if args.out is not None:
         write_json(args.out / "report.json", report.to_dict())
-        corrected = None if source.mjcf is None else "corrected.xml"
+        corrected = None
+        if report.evidence is not None and source.mjcf is not None:
+            try:
+                write_corrected(report.evidence, source, args.out / "corrected.xml")
+                corrected = "corrected.xml"
+            except (InputError, ValueError) as error:
+                print(f"keycld: There is no corrected.xml: {error}", file=sys.stderr)
         write_page(report, args.out / "report.html", source.environment, corrected)
-        if report.evidence is not None and corrected is not None:
-            write_corrected(report.evidence, source, args.out / corrected)
     if args.json:
         print_result(report.to_dict(), as_json=True)
     else:
         print(report.headline)
         if report.next_experiment is not None:
             print(experiment(report.next_experiment))
-        summary = {f.effect: f"{f.where['name']}, confidence {f.confidence:.2f}" for f in report.findings}
+        summary = {f"{f.effect} at {f.where['name']}": f"confidence {f.confidence:.2f}" for f in report.findings}
         errors = {"nominal": report.fit.nominal, "refitted": report.fit.refitted, "corrected": report.fit.corrected}
         units = {f"held-out error {name} ({report.fit.unit})": error for name, error in errors.items()}
         print_result({"verdict": report.verdict, **summary, **units, "held_out": report.held_out}, as_json=False)

@@ -196,15 +196,22 @@ class JointEffect(Effect):
 
 @dataclass(frozen=True)
 class ActuatorEffect(Effect):
-    """An effect at an actuator."""
+    """An effect at an actuator.
+
+    Attributes:
+        at_joint: it acts on the actuator's joint, and needs one.
+    """
 
     kind: ClassVar[Kind] = "actuator"
     family: ClassVar[str] = "actuation"
+    at_joint: ClassVar[bool] = False
 
     @classmethod
     def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
-        """Every actuator."""
-        return tuple(cls(model.actuator(i).name) for i in range(model.nu))
+        """Every actuator; of effects on its joint, every one that acts on a joint."""
+        kinds = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
+        on_joint = np.isin(model.actuator_trntype, kinds)
+        return tuple(cls(model.actuator(i).name) for i in range(model.nu) if on_joint[i] or not cls.at_joint)
 
     def motor(self, u: Array, h: float) -> Array:
         """What the motor gets for its commands `[T]`; see `command`."""
@@ -234,6 +241,7 @@ class TransmissionEffect(ActuatorEffect):
     """
 
     family: ClassVar[str] = "structure"
+    at_joint: ClassVar[bool] = True
     memory: ClassVar[int] = 2
     unsettled: ClassVar[tuple[float, ...]] = (0.1, 2.0)
     substeps: ClassVar[int] = 20

@@ -15,6 +15,7 @@ class GainDrift(ActuatorEffect):
 
     id: ClassVar[str] = "parameter_drift"
     family: ClassVar[str] = "time-varying"
+    at_joint: ClassVar[bool] = True
     equation: ClassVar[str] = "tau = u*(1 + r*t)"
 
     r: float = parameter("1/s", 0.01, low=-0.2, high=0.5)

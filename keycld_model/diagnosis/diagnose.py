@@ -12,6 +12,7 @@ from keycld_envs.effects import Effect
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.checks import check, check_apart
+from keycld_model.diagnosis.contacts import without_contacts
 from keycld_model.diagnosis.evidence import evidence
 from keycld_model.diagnosis.findings import (
     calibrated,
@@ -28,7 +29,7 @@ from keycld_model.diagnosis.fit import Fit, Linearisation, Problem
 from keycld_model.diagnosis.held_out import error_unit, likelihood, replay, rollout_error
 from keycld_model.diagnosis.next_experiment import next_experiment
 from keycld_model.diagnosis.noise import noise
-from keycld_model.diagnosis.prepare import SAMPLES, accurate_step, split, thin
+from keycld_model.diagnosis.prepare import SAMPLES, accurate_step, ready, split
 from keycld_model.diagnosis.pulses import concentrated, paid, pushed, spiked
 from keycld_model.diagnosis.report import Finding, FitErrors, Report, Unexplained, Verdict
 from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force, lengthened, residual_force_of
@@ -80,14 +81,14 @@ def diagnose(
         InputError: if the recordings do not suit the model, or nothing can be learned from them.
     """
     check([*recordings, *held_out], model)
-    check_apart(recordings, held_out)
-    training, test = (recordings, held_out) if held_out else split(recordings)
-    training, test = [thin(r) for r in training], [thin(r) for r in test]
-    sigma = noise(training)
+    training, test = (ready(part, model) for part in (recordings, held_out))
+    training, test = (training, test) if held_out else split(training)
+    check_apart(training, test)
+    sigma, bare = noise(training), without_contacts(model, [*training, *test])
     with progress("Diagnosing", total=5) as advance:
-        simulator = Simulator(model, accurate_step(training), tracked=tracked)
+        simulator = Simulator(bare, accurate_step(training), tracked=tracked)
         accurate = _accurate(_refit(simulator, training, sigma), training)
-        own = _refit(Simulator(model, tracked=tracked), training, sigma)
+        own = _refit(Simulator(bare, tracked=tracked), training, sigma)
         advance(1, "searching")
         explained = _search(accurate, own, training)
         advance(1, "rivals")
@@ -230,7 +231,7 @@ def _unnamed(
         return _Conclusion("mismatch", fit, tested[instead], findings, named.nats)
     if left.significant and (named.verdict == "no_mismatch" or left.fraction > LEFT):
         named = replace(named, verdict="undetermined")
-    return named if named.verdict == "no_mismatch" else replace(named, ceiling=alone)
+    return replace(named, ceiling=alone)
 
 
 def _withdrawn(
@@ -382,7 +383,8 @@ class _Trial:
     @classmethod
     def of(cls, fit: Fit, test: Sequence[Recording], sigma: NDArray[np.float64]) -> "_Trial":
         simulator = fit.problem.simulator
-        horizon = max(1, min(HORIZON, min(len(np.asarray(r.t_state)) for r in test) // SAMPLES))
+        seen = min(int(np.isfinite(r.qpos).any(axis=1).sum()) for r in test if r.qpos is not None)
+        horizon = max(1, min(HORIZON, seen // SAMPLES))
         lengths = (SAMPLES, SAMPLES * horizon)
         return cls(*(Problem(simulator, cut(test, simulator.step, n), sigma) for n in lengths))
 

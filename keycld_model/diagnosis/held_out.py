@@ -36,7 +36,8 @@ def _residual(fit: Fit) -> NDArray[np.float64]:
 
 def rollout_error(fit: Fit) -> float:
     """Root mean square, rad or m."""
-    return float(np.sqrt(np.mean((_residual(fit) * fit.problem.noise) ** 2)))
+    squares = (_residual(fit) * fit.problem.noise) ** 2
+    return float(np.sqrt(squares.sum() / np.isfinite(fit.problem.windows.measured).sum()))
 
 
 def error_unit(model: mujoco.MjModel) -> str:
@@ -47,4 +48,6 @@ def error_unit(model: mujoco.MjModel) -> str:
 
 def mean_square(fit: Fit) -> NDArray[np.float64]:
     """Of whitened residuals, per joint, `[nv]`, per degree of freedom."""
-    return np.mean(_residual(fit) ** 2, axis=(0, 1)) / (1 - 2 / fit.problem.windows.measured.shape[1])
+    measured = fit.problem.windows.measured
+    squares, counts = np.sum(_residual(fit) ** 2, axis=(0, 1)), np.isfinite(measured).sum(axis=(0, 1))
+    return squares / counts / (1 - 2 / measured.shape[1])

@@ -268,7 +268,7 @@ def _in_scope(model: mujoco.MjModel) -> bool:
         np.isin(model.jnt_type, [int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)]).all()
         and 0 < model.njnt <= MOST_JOINTS
         and (rk4 or (fast and damped and not velocity_bias))
-        and (free_of("CONTACT") or not _may_collide(model))
+        and (free_of("CONTACT") or not may_collide(model))
         and model.ntendon == model.nflex == model.nplugin == model.na == 0
         and model.opt.density == 0 and model.opt.viscosity == 0
         and not np.any(model.body_gravcomp)
@@ -282,7 +282,8 @@ def _in_scope(model: mujoco.MjModel) -> bool:
     )  # fmt: skip
 
 
-def _may_collide(model: mujoco.MjModel) -> bool:
+def may_collide(model: mujoco.MjModel) -> bool:
+    """Whether any two geoms can touch, wherever they are."""
     body, one, two = model.geom_bodyid, model.geom_contype, model.geom_conaffinity
     weld, parent = model.body_weldid, model.body_parentid
     for a in range(model.ngeom):

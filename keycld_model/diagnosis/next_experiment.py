@@ -103,10 +103,11 @@ def _told(trial: Problem, point: Point, rival: Fit) -> Array:
 
 def _safe(predicted: Array, time: Array, recordings: Sequence[Recording]) -> NDArray[np.bool_]:
     """Motions `[W, n, nv]` that are not too fast."""
-    recorded = max(
-        float(np.nanmax(np.abs(np.diff(np.asarray(r.qpos), axis=0) / np.diff(np.asarray(r.t_state))[:, None])))
-        for r in recordings
-    )
+    recorded = 0.0
+    for r in recordings:
+        moved, passed = np.diff(np.asarray(r.qpos), axis=0), np.diff(np.asarray(r.t_state))
+        speeds = np.abs(moved[passed > 0] / passed[passed > 0, None])
+        recorded = max(recorded, float(np.max(speeds, initial=0.0, where=np.isfinite(speeds))))
     speed = np.abs(np.diff(predicted, axis=1) / np.diff(time, axis=1)[..., None]).max(axis=(1, 2))
     return np.isfinite(speed) & (speed < max(FASTEST, recorded))
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 
 from keycld_envs.errors import InputError
@@ -17,7 +18,10 @@ STEP = 0.0101
 
 
 def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
-    """Training and held-out recordings: every third in the order of their speed; of a single one, its last third."""
+    """Training and held-out recordings: every third in the order of their speed; of a single one, its last third.
+
+    The clock of that third goes on from the start of the recording, whose first part has no positions any more.
+    """
     if len(recordings) == 1:
         whole = recordings[0]
         t = np.asarray(whole.t_state)
@@ -26,7 +30,9 @@ def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Record
             raise InputError(
                 f"Recording {whole.id!r} has {len(t)} samples, too few to hold some out; record at least {3 * SAMPLES}."
             )
-        return [_part(whole, slice(0, k), "")], [_part(whole, slice(k, None), " (last third)")]
+        rest = np.array(whole.qpos)
+        rest[:k] = np.nan
+        return [_part(whole, slice(0, k))], [replace(whole, id=f"{whole.id} (last third)", qpos=rest, qvel=None)]
     speed = [np.nanmean(np.abs(np.diff(np.asarray(r.qpos), axis=0))) for r in recordings]
     order = [recordings[i] for i in np.argsort(speed, kind="stable")]
     return [r for i, r in enumerate(order) if i % 3 != 1], order[1::3]
@@ -43,18 +49,45 @@ def accurate_step(recordings: Sequence[Recording]) -> float:
     return float(between / np.ceil(between / STEP))
 
 
+def ready(recordings: Sequence[Recording], model: mujoco.MjModel) -> list[Recording]:
+    """With commands for all motors, zero where none were recorded, and samples no closer than `FASTEST`.
+
+    Raises:
+        InputError: if that leaves too few samples.
+    """
+    out = [thin(_commanded(recording, model)) for recording in recordings]
+    for before, after in zip(recordings, out, strict=True):
+        if len(np.asarray(after.t_state)) < SAMPLES:
+            t = np.asarray(before.t_state)
+            raise InputError(
+                f"Recording {before.id!r} lasts {t[-1] - t[0]:.2g} s, of which samples {1e3 * FASTEST:g} ms apart are "
+                f"used, at least {SAMPLES}; record for longer."
+            )
+    return out
+
+
 def thin(recording: Recording) -> Recording:
     """With samples no closer than `FASTEST`."""
     t = np.asarray(recording.t_state)
     every = max(1, round(FASTEST / float(np.median(np.diff(t)))))
-    return _part(recording, slice(None, None, every), "") if every > 1 else recording
+    return _part(recording, slice(None, None, every)) if every > 1 else recording
 
 
-def _part(recording: Recording, piece: slice, suffix: str) -> Recording:
+def _commanded(recording: Recording, model: mujoco.MjModel) -> Recording:
+    """What has no recorded commands is passive."""
+    if recording.action is not None:
+        return recording
+    names = tuple(model.actuator(i).name for i in range(model.nu))
+    if not names:
+        return replace(recording, actuator_names=())
+    still = {"t_action": np.asarray(recording.t_state)[:1], "action": np.zeros((1, len(names)))}
+    return replace(recording, actuator_names=names, units={**recording.units, "action": "1"}, **still)
+
+
+def _part(recording: Recording, piece: slice) -> Recording:
     qvel = recording.qvel
     return replace(
         recording,
-        id=recording.id + suffix,
         t_state=np.asarray(recording.t_state)[piece],
         qpos=np.asarray(recording.qpos)[piece],
         qvel=None if qvel is None else qvel[piece],

@@ -24,6 +24,8 @@ from keycld_model.diagnosis.windows import Windows
 Array = NDArray[np.float64]
 TOGETHER = 32
 """Rollouts at once; each may need a copy of the model, and copies are large."""
+BEFORE = 1000
+"""Steps for which the first command has held before a recording, for motors that remember; not for integrators."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,7 @@ class Simulator:
         self.nuisances: tuple[Nuisance, ...] = nuisance.nuisances(model, tracked)
         self._data = mujoco.MjData(self.model)
         self._models = ModelPool(self.model)
+        self._remembered: dict[int, tuple[Array, Array]] = {}
         self._mujoco = MujocoRollouts(self.model, threads)
         self._fast = Mechanism.of(self.model, stops=not self.own) if compiled else None
 
@@ -224,6 +227,7 @@ class Simulator:
         if any(variant.pulses for variant in variants):
             forces = forces + np.stack([self._pushes(variant, windows) for variant in variants])[which]
         start, control = np.concatenate([q, v], axis=-1), np.concatenate([commands, forces], axis=-1)
+        motors = np.stack([self._motors(commands, windows) for commands in filtered]) if self._remembers else None
         path = np.empty((*start.shape[:2], windows.steps + 1, start.shape[2]))
         path[:, :, 0] = start
 
@@ -235,7 +239,10 @@ class Simulator:
             stepped = np.array([bool(outside[i]) for i in which[rows]])
             for some, by_hand in ((rows[stepped], True), (rows[~stepped], False)):
                 if len(some):
-                    march = self._march(by, models, pushing, which[some], windows, start[some], control[some], by_hand)
+                    begun = None if motors is None else motors[which[some]]
+                    march = self._march(
+                        by, models, pushing, which[some], windows, start[some], control[some], by_hand, begun
+                    )
                     path[some, :, 1:] = march
 
         run(self._fast or self._mujoco, np.arange(len(which)))
@@ -265,13 +272,16 @@ class Simulator:
         start: Array,
         control: Array,
         by_hand: bool,
+        begun: Array | None,
     ) -> Array:
         """Positions and velocities after every step, `[P, W, S, 2 nv]`.
 
-        `by_hand`, effects push step by step, each force held over a step at its value in the middle.
+        `by_hand`, effects push step by step, each force held over a step at its value in the middle. `begun` are
+        states `[P, W, size]` to begin with, but for positions and velocities.
         """
         (p, w, s, _), nv, nu, h = control.shape, self.model.nv, self.model.nu, self.step
-        state, of, window = np.zeros((p * w, by.size)), np.repeat(which, w), np.tile(np.arange(w), p)
+        state = np.zeros((p * w, by.size)) if begun is None else begun.reshape(p * w, by.size).copy()
+        of, window = np.repeat(which, w), np.tile(np.arange(w), p)
         state[:, by.motion] = start.reshape(p * w, -1)
         clock = np.tile(windows.begun, p)
         if not by_hand:
@@ -299,6 +309,30 @@ class Simulator:
                 here[r, :, nu:] += force
             state = by.run(batch, state, here.reshape(p * w, 1, -1), clock)[:, 0]
             out[:, :, k] = state[:, by.motion].reshape(p, w, -1)
+        return out
+
+    @property
+    def _remembers(self) -> bool:
+        """Whether the model's own motors remember earlier commands; such models are left to MuJoCo."""
+        return bool(self.model.na or np.any(self.model.actuator_delay))
+
+    def _motors(self, commands: Sequence[Array], windows: Windows) -> Array:
+        """States of MuJoCo `[W, size]` at the starts of windows, as far as earlier commands determine them."""
+        out, data = np.zeros((len(windows), self._mujoco.size)), self._data
+        for r, u in enumerate(commands):
+            mine = np.flatnonzero(windows.recording == r)
+            if (known := self._remembered.get(id(u))) is None or known[0] is not u:
+                states = np.empty((len(u), self._mujoco.size))
+                mujoco.mj_resetData(self.model, data)
+                held = range(0 if np.any(self.model.actuator_dyntype == mujoco.mjtDyn.mjDYN_INTEGRATOR) else BEFORE)
+                for k in (*(0 for _ in held), *range(len(u))):
+                    data.qpos[:], data.qvel[:], data.ctrl[:] = self.model.qpos0, 0.0, u[k]
+                    mujoco.mj_getState(self.model, data, states[k], mujoco.mjtState.mjSTATE_FULLPHYSICS)
+                    mujoco.mj_step(self.model, data)
+                known = u, states
+                if any(u is own for own in windows.commands):
+                    self._remembered[id(u)] = known
+            out[mine] = known[1][windows.first[mine]]
         return out
 
     def _pushes(self, variant: Variant, windows: Windows) -> Array:

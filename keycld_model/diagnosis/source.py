@@ -91,8 +91,12 @@ class Source:
         else:
             spec = mujoco.MjSpec.from_string(self.mjcf, include=included, assets=others)
         for kind, elements in (("body", spec.bodies), ("joint", spec.joints), ("actuator", spec.actuators)):
+            taken = {element.name for element in elements}
             for i, element in enumerate(elements):
-                element.name = element.name or f"{kind}_{i}"
+                name = f"{kind}_{i}"
+                while name in taken:
+                    name += "_"
+                element.name = element.name or name
         return spec
 
 

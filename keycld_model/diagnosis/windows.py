@@ -8,11 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 
 Array = NDArray[np.float64]
 SMOOTH = 7
 """Samples of a local parabola."""
+PAUSE = 5.0
+"""Times as long as usual that a window may last."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,13 @@ class Windows:
 
 
 def cut(recordings: Sequence[Recording], step: float, samples: int) -> Windows:
-    """Cut recordings into windows of a number of samples; what is left at the end of a recording is dropped."""
+    """Cut recordings into windows of a number of samples; what is left at the end of a recording is dropped.
+
+    So are windows with too few samples, or with a pause.
+
+    Raises:
+        InputError: if none is left.
+    """
     commands, speeds, rows = [], [], []
     for index, recording in enumerate(recordings):
         t, q = np.asarray(recording.t_state), np.asarray(recording.qpos)
@@ -109,11 +118,19 @@ def cut(recordings: Sequence[Recording], step: float, samples: int) -> Windows:
         edges = origin + step * np.arange(grid + 1)
         commands.append(average_commands(recording, edges))
         speeds.append(_speeds(t, q, (edges[1:] + edges[:-1]) / 2))
-        for i in range(0, len(t) - samples + 1, samples):
+        longest = PAUSE * samples * np.median(np.diff(t))
+        begin = int(np.isfinite(q).any(axis=1).argmax())
+        for i in range(begin, len(t) - samples + 1, samples):
             first = _steps_before(t[i] - origin, step)
             piece = slice(i, i + samples)
-            if _seen(q[piece]):
+            if _seen(q[piece]) and t[i + samples - 1] - t[i] < longest:
                 rows.append((index, first, origin + first * step, t[piece], q[piece]))
+    if not rows:
+        names = ", ".join(repr(recording.id) for recording in recordings)
+        raise InputError(
+            f"The recordings {names} have no {samples} samples in a row without a pause, half of them finite; record "
+            "for longer."
+        )
     recording, first, start, time, measured = (np.array(column) for column in zip(*rows, strict=True))
     steps = _steps_over(time, start, step)
     return Windows(step, tuple(commands), tuple(speeds), recording, first, start, time, measured, steps)
