@@ -19,7 +19,7 @@ class StribeckFriction(JointEffect):
 
     id: ClassVar[str] = "stribeck_friction"
     family: ClassVar[str] = "dissipation"
-    equation: ClassVar[str] = "tau = -(c + (s - c)*exp(-(qd/vs)^2))*sign(qd)"
+    equation: ClassVar[str] = "tau = -(c + extra*exp(-(qd/vs)^2))*sign(qd)"
 
     c: float = parameter("N m", 0.02, low=0.0)
     extra: float = parameter("N m", 0.02, low=0.0)

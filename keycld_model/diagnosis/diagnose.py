@@ -162,7 +162,12 @@ class _Explained:
 
     def findings(self, training: Sequence[Recording]) -> list[Finding]:
         """All that may be missing."""
-        return [*findings_of(self.best, self.rivals, self.search), *pulses_of(self.best.fit, training)]
+        fit = self.best.fit
+        if fit.point.variant.pulses:
+            windows = cut(training, fit.problem.simulator.step, SAMPLES)
+            if len(windows) > len(fit.problem.windows):  # pushes also where was not searched
+                fit = replay(replace(fit.problem, windows=windows), fit)
+        return [*findings_of(self.best, self.rivals, self.search), *pulses_of(fit, training)]
 
     @cached_property
     def rivals(self) -> dict[tuple[str, str], list[Scored]]:

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.effects import Effect, ExternalPulse
+from keycld_envs.effects import Effect, ExternalPulse, GravityTilt
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.fit import Fit, knobs
 from keycld_model.diagnosis.held_out import mean_square
@@ -39,20 +39,24 @@ def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], searc
     """One per effect of the best set, with 90 % intervals, and what the data do not exclude in its place."""
     deviations = iter(best.fit.deviations() * np.sqrt(max(search.temper, best.fit.chi_square)))
     weights = {keys: np.exp(min(0.0, best.score - s.score)) for keys, s in search.found.items()}
-    total = sum(weights.values())
+    total, model = sum(weights.values()), best.fit.problem.simulator.model
     out = []
     for effect in best.fit.effects:
         sets = rivals.get(effect.key, ())
-        others = {rival_name(e, effect) for s in sets for e in s.fit.effects if e.key not in best.keys}
+        others = {(e.id, e.kind, e.where) for s in sets for e in s.fit.effects if e.key not in best.keys}
+        if effect.id == GravityTilt.id and model.njnt == 1 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_HINGE:
+            others.add(("encoder_zero", "joint", model.joint(0).name))  # the same, but for what is expected of encoders
+        others.discard((effect.id, effect.kind, effect.where))
         out.append(
             Finding(
                 effect=effect.id,
                 family=effect.family,
                 where={"kind": effect.kind, "name": effect.where},
-                parameters=_estimates(effect, deviations, best.fit.problem.simulator.model),
+                parameters=_estimates(effect, deviations, model),
                 equation=effect.equation,
                 confidence=round(float(sum(w for keys, w in weights.items() if effect.key in keys) / total), 4),
-                rivals=sorted(others),
+                rivals=[rival for rival, _, _ in sorted(others)],
+                rivals_where=[{"kind": kind, "name": name} for _, kind, name in sorted(others)],
                 region=_region(best.fit, effect),
             )
         )

@@ -31,7 +31,8 @@ class Finding:
         parameters: by name.
         equation: in joint coordinates.
         confidence: probability that effect and place are right.
-        rivals: effects that these data do not exclude in its place.
+        rivals: ids of effects that these data do not exclude in its place; "encoder_zero" is no missing physics.
+        rivals_where: their places, in the same order.
         when: seconds, None throughout.
         when_by_recording: seconds, by id of the recording, where that differs.
         region: positions and velocities to which it is confined, None if to none.
@@ -44,6 +45,7 @@ class Finding:
     equation: str
     confidence: float
     rivals: list[str]
+    rivals_where: list[dict[str, str]] = field(default_factory=list)
     when: list[tuple[float, float]] | None = None
     when_by_recording: dict[str, list[tuple[float, float]]] | None = None
     region: dict[str, tuple[float, float]] | None = None

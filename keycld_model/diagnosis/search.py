@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from keycld_envs.effects import Effect
+from keycld_envs.effects import ActuatorDelay, Effect, SensorLatency
 from keycld_envs.effects.base import TransmissionEffect
 from keycld_model.diagnosis.fit import Fit, Point, Problem, knobs
 from keycld_model.diagnosis.hypotheses import hypotheses, seen
@@ -271,7 +271,10 @@ class Search:
         return replace(fit, problem=part, point=point, cost=part.cost(point))
 
     def rivals(self, best: Scored, within: float = 4.0) -> dict[tuple[str, str], list[Scored]]:
-        """For each effect of the best set, sets with another in its place that explain as much, within some nats."""
+        """For each effect of the best set, sets with another in its place that explain as much, within some nats.
+
+        So may one latency of all sensors in place of delays of all motors, and the reverse.
+        """
         out = {}
         for effect in best.fit.effects:
             self._replace(best, effect)
@@ -279,9 +282,31 @@ class Search:
             out[effect.key] = [
                 s
                 for keys, s in self.found.items()
-                if kept < keys and len(keys) == len(best.keys) and keys != best.keys and s.score < best.score + within
+                if kept < keys
+                and len(keys) == len(best.keys)
+                and keys != best.keys
+                and s.score < best.score + within + _alias_price(best, s)
             ]
+        late = [e for e in best.fit.effects if e.id in ("actuator_delay", "sensor_latency")]
+        if others := self._otherwise_late(late):
+            kept = [e for e in best.fit.effects if e not in late]
+            scored = self._refine(best.fit.point.with_effects(*kept, *others))
+            if scored.fit.cost < best.fit.cost + within * misfit(best.fit):
+                for effect in late:
+                    out[effect.key].append(scored)
         return out
+
+    def _otherwise_late(self, late: Sequence[Effect]) -> list[Effect]:
+        """A latency for delays of all motors, or these for that; one motor's delay is a rival anyway."""
+        model, allowed = self.problem.simulator.model, {type(h.effect) for h in self.hypotheses}
+        if model.nu < 2 or not {ActuatorDelay, SensorLatency} <= allowed:
+            return []
+        shifts = [e.d for e in late if isinstance(e, ActuatorDelay | SensorLatency)]
+        if [type(e) for e in late] == [SensorLatency]:
+            return [replace(e, d=shifts[0]) for e in ActuatorDelay.candidates(model)]
+        if [type(e) for e in late] == [ActuatorDelay] * model.nu:
+            return [replace(e, d=float(np.mean(shifts))) for e in SensorLatency.candidates(model)]
+        return []
 
     def alike(self, best: Scored) -> list[Scored]:
         """Sets nearly as good as the best, with one effect's kin in its place: shorter steps may tell them apart."""
@@ -339,6 +364,12 @@ class Search:
 def _loosened(problem: Problem, point: Point) -> Point:
     """With rotors that may jump at the starts of windows, and states fitted to that."""
     return problem.minimise(point.loosened(), LOOSENED, only_states=True).point
+
+
+def _alias_price(best: Scored, other: Scored) -> float:
+    """What more numbers cost a set that has the other as a limit: a spring with its zero far away is a constant force."""
+    exchanged = {e.id for s, t in ((best, other), (other, best)) for e in s.fit.effects if e.key not in t.keys}
+    return max(0.0, penalty(other.fit) - penalty(best.fit)) if exchanged == {"spring", "constant_force"} else 0.0
 
 
 def _cost(fit: Fit) -> float:

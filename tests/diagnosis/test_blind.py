@@ -187,7 +187,14 @@ def answer(case, category, truth=(), system="acrobot", **more):
 
 def said(findings=(), verdict="mismatch", refitted=11.0, corrected=1.0, unexplained=False):
     findings = [
-        {"effect": e, "where": {"kind": k, "name": n}, "rivals": r, "parameters": p} for e, k, n, r, p in findings
+        {
+            "effect": e,
+            "where": {"kind": k, "name": n},
+            "rivals": [rival for rival, _, _ in r],
+            "rivals_where": [{"kind": kind, "name": name} for _, kind, name in r],
+            "parameters": p,
+        }
+        for e, k, n, r, p in findings
     ]
     fit = {"refitted": refitted, "corrected": corrected}
     return {"verdict": verdict, "findings": findings, "fit": fit, "unexplained": {"significant": unexplained}}
@@ -201,10 +208,10 @@ HAND_MADE = [
     (answer("0001", "null"), said(verdict="no_mismatch", corrected=11.0)),
     (answer("0002", "null"), said([("cogging", "joint", "elbow", [], {})], "undetermined")),
     (answer("0003", "one", [VISCOUS]), said([("viscous_friction", "body", "lower_arm", [], B)])),
-    (answer("0004", "one", [VISCOUS]), said([("quadratic_drag", "joint", "elbow", ["viscous_friction"], {})])),
+    (answer("0004", "one", [VISCOUS]), said([("quadratic_drag", "joint", "elbow", [VISCOUS[:3]], {})])),
     (
         answer("0005", "one", [GAIN], "pendulum"),
-        said([("added_inertia", "joint", "hinge", ["actuator_gain at torque"], {})]),
+        said([("added_inertia", "joint", "hinge", [GAIN[:3]], {})]),
     ),
     (answer("0006", "one", [(*VISCOUS[:4], 2.0)]), said(verdict="no_mismatch", corrected=11.5)),
     (

@@ -141,7 +141,9 @@ def test_every_kind_of_finding_has_its_place(report):
         Finding(e.id, e.family, {"kind": e.kind, "name": e.where}, {"c": small, "vs": small}, e.equation, 0.8, [])
         for e in effects
     ]
-    findings[0] = replace(findings[0], rivals=["coulomb_friction"], when=[(0.25, 0.5)])
+    findings[0] = replace(
+        findings[0], rivals=["coulomb_friction"], rivals_where=[{"kind": "joint", "name": "hinge"}], when=[(0.25, 0.5)]
+    )
     unknown = Finding("unknown", "unknown", {"kind": "body", "name": "</script><b>"}, {}, "", 0.7, [])
     left = Unexplained(True, 0.25, "hinge", "The joint 'hinge' still deviates.")
     evidence = replace(report.evidence, effects=effects)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import zip_longest
 from typing import Any
 
 from keycld_model.diagnosis.blind.sites import sites
@@ -79,7 +80,8 @@ class Trial:
         """For every finding, the finding and its rivals."""
         out = []
         for finding, (effect, joint) in zip(self.report.get("findings", ()), self.said, strict=True):
-            rivals = {_rival(str(r), joint, self.answer["system"]) for r in finding.get("rivals", ())}
+            others = zip_longest(finding.get("rivals", ()), finding.get("rivals_where", ()))
+            rivals = {_rival(str(r), at, joint, self.answer["system"]) for r, at in others}
             out.append({(effect, joint), *rivals})
         return out
 
@@ -131,12 +133,8 @@ class Trial:
         return next((c for c in classes if effect in c), frozenset())
 
 
-def _rival(text: str, joint: str, system: str) -> Key:
-    """A rival is "effect", at the same place, or "effect at place"."""
-    effect, _, place = text.partition(" at ")
+def _rival(effect: str, where: Mapping[str, str] | None, joint: str, system: str) -> Key:
+    """A rival, at the same joint if no place is named."""
     if effect in ("gravity_tilt", "base_motion", "sensor_latency", "clock_drift"):
         return effect, "*"
-    kinds = ("joint", "actuator", "body")
-    known = {s.name for s in sites(system)}
-    joints = [joint_of(system, {"kind": kind, "name": place}) for kind in kinds] if place else [joint]
-    return effect, next((j for j in joints if j in known), joints[0])
+    return effect, joint if where is None else joint_of(system, where)

@@ -13,7 +13,7 @@ from keycld_model.diagnosis.page.geometry import HINGE
 from keycld_model.diagnosis.page.mathml import mathml
 from keycld_model.diagnosis.page.portrait import portrait
 from keycld_model.diagnosis.report import Estimate, Finding, Report
-from keycld_model.diagnosis.words import call, effect_name, error, experiment, measured, place, rival, spelled_out
+from keycld_model.diagnosis.words import call, effect_name, error, experiment, in_sentence, measured, place, spelled_out
 
 
 def error_bars(report: Report, evidence: Evidence) -> str:
@@ -72,7 +72,8 @@ def _card(number: int, finding: Finding, picture: str = "") -> str:
     kind, name = finding.where["kind"], finding.where["name"]
     where = place(finding) if kind in ("world", "sensor", "camera") else f"{kind} <b>{escape(name)}</b>"
     rows = "".join(_parameter(finding, n, e) for n, e in finding.parameters.items())
-    rivals = ", ".join(escape(rival(r)) for r in finding.rivals)
+    others = zip(finding.rivals, finding.rivals_where, strict=True)
+    rivals = ", ".join(escape(in_sentence(r) + ("" if at["name"] == name else f" at {at['name']}")) for r, at in others)
     none = "No other effect" if effect_class(finding.effect, kind) else "No effect of the library"
     rivals = f"These data do not exclude {rivals}." if rivals else f"{none} explains these data as well."
     equation = f'<p class="law">{mathml(finding.equation)}</p>' if finding.equation else ""
