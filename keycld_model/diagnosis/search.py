@@ -367,7 +367,7 @@ def _loosened(problem: Problem, point: Point) -> Point:
 
 
 def _alias_price(best: Scored, other: Scored) -> float:
-    """What more numbers cost a set that has the other as a limit: a spring with its zero far away is a constant force."""
+    """What more numbers cost a set that has the other as a limit: a spring, its zero far away, is a constant force."""
     exchanged = {e.id for s, t in ((best, other), (other, best)) for e in s.fit.effects if e.key not in t.keys}
     return max(0.0, penalty(other.fit) - penalty(best.fit)) if exchanged == {"spring", "constant_force"} else 0.0
 
