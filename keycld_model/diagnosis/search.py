@@ -207,7 +207,8 @@ class Search:
             self._finalists(self._refine(best.fit.point.with_effects(*rest)), largest=1)
             slides = self.problem.simulator.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
             for other in kin(effect, (h.effect for h in self.hypotheses), slides.any()):
-                self._refine(best.fit.point.with_effects(*rest, other))
+                if other.key not in best.keys:
+                    self._refine(best.fit.point.with_effects(*rest, other))
             self._restart(best, rest, effect)
 
     def _restart(self, best: Scored, rest: Sequence[Effect], effect: Effect) -> None:
@@ -223,6 +224,7 @@ class Search:
         kinds = {type(h.effect) for h in self.hypotheses if isinstance(h.effect, TransmissionEffect)}
         inertia = float(model.dof_M0[effect.dof(model)])
         starts = [start for kind in sorted(kinds, key=lambda k: k.id) for start in kind.starts(effect.where, inertia)]
+        starts = [start for start in starts if start.key not in {e.key for e in rest}]
         ways = (False, True) if fit.chi_square > NOISE else (False,)
         glances = [self._glance(fit, [*rest, start], loose) for start in starts for loose in ways]
         closer = [fit.problem.minimise(g.point, CLOSER) for g in sorted(glances, key=_cost)[:FAVOURITES]]

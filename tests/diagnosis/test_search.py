@@ -10,7 +10,7 @@ import numpy as np
 from plants import recordings
 
 from keycld_envs import KeyCLDEnv
-from keycld_envs.effects import EFFECTS, Backlash
+from keycld_envs.effects import EFFECTS, ActuatorDelay, ActuatorLag, Backlash
 from keycld_model.diagnosis.fit import Problem
 from keycld_model.diagnosis.pulses import spiked
 from keycld_model.diagnosis.search import Search
@@ -95,3 +95,18 @@ def test_windows_that_stick_out_are_seen_where_all_together_look_like_noise():
 
     assert not spiked(fit()) and not spiked(fit(200.0)) and not spiked(fit(19.0, 19.0, 19.0))
     assert spiked(fit(21.0, 22.0))
+
+
+def test_no_effect_stands_twice_in_a_set():
+    """A set without one of two of the same key had the same key as with both, so that pruning it never ended."""
+    runs = recordings("pendulum", 3, number=3, seconds=1.2)
+    simulator = Simulator(KeyCLDEnv("pendulum", obs_type="state").model, 0.01)
+    problem = Problem(simulator, cut(runs, simulator.step, 40), np.full(1, 1e-3))
+    search = Search(problem, {kind.id for kind in EFFECTS.values()} - {"actuator_lag", "actuator_delay"})
+    late = ActuatorLag("torque", lag=0.02), ActuatorDelay("torque", d=0.02)
+    best = search._refine(problem.start().with_effects(*late))
+    with patch.object(search, "_refine", wraps=search._refine) as refine:
+        for effect in best.fit.effects:
+            search._replace(best, effect)
+    tried = [[e.key for e in call.args[0].variant.effects] for call in refine.call_args_list]
+    assert tried and all(len(keys) == len(set(keys)) for keys in tried)
