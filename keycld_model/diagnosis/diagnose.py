@@ -229,11 +229,12 @@ def _unnamed(
     extra = (max(beside, without) - without_force) / temper
     instead = without > max(without_force + UNKNOWN * temper, beside - UNKNOWN * temper)
     if instead or extra > max(UNKNOWN, MATERIAL * named.nats):
-        if instead:  # named effects stood for a part of it
-            named, smooth = replace(named, findings=[], nats=0.0), alone
-        fit = lengthened(smooth, trial.lengthened(training))
-        findings = [*named.findings, unknown_of(fit, extra / (extra + max(named.nats, 0.0)))]
-        return _Conclusion("mismatch", fit, tested[instead], findings, named.nats)
+        fit = lengthened(alone if instead else smooth, trial.lengthened(training))
+        if not named.findings or rollout_error(trial.long(fit)) < rollout_error(trial.long(named.fit)):
+            if instead:  # named effects stood for a part of it
+                named = replace(named, findings=[], nats=0.0)
+            findings = [*named.findings, unknown_of(fit, extra / (extra + max(named.nats, 0.0)))]
+            return _Conclusion("mismatch", fit, tested[instead], findings, named.nats)
     if left.significant and (named.verdict == "no_mismatch" or left.fraction > LEFT):
         named = replace(named, verdict="undetermined")
     return replace(named, ceiling=alone)
