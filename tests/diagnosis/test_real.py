@@ -25,13 +25,11 @@ def report(*pulses: tuple[str, float, float, float]) -> Report:
             "external_pulse",
             "force",
             {"kind": "joint", "name": joint},
-            {
-                name: Estimate(value, "", value, value)
-                for name, value in {"f": f, "start": a, "duration": b - a}.items()
-            },
+            {"f": Estimate(f, "N m", f, f)},
             "",
             1.0,
             [],
+            when=[(a, b)],
         )
         for joint, a, b, f in pulses
     ]
