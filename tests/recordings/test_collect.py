@@ -94,7 +94,7 @@ def test_a_killed_collection_resumes_to_the_same_data(tmp_path: Path, workers: s
         time.sleep(0.05)
     complete = len(list(tmp_path.glob("a/episode-*")))
     assert complete < 400
-    for extra in list(tmp_path.glob("a/episode-*"))[3:]:
+    for extra in sorted(tmp_path.glob("a/episode-*"))[3:]:
         for file in extra.iterdir():
             file.unlink()
         extra.rmdir()
