@@ -69,7 +69,7 @@ def run(args: Args) -> int:
             try:
                 write_corrected(report.evidence, source, args.out / "corrected.xml")
                 corrected = "corrected.xml"
-            except (InputError, ValueError) as error:
+            except InputError as error:
                 print(f"keycld: There is no corrected.xml: {error}", file=sys.stderr)
         write_page(report, args.out / "report.html", source.environment, corrected)
     if args.json:

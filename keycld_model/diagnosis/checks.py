@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.prepare import SAMPLES
 from keycld_model.diagnosis.source import unnamed
+from keycld_model.diagnosis.windows import first_seen
 
 LEAST_MOTION = 0.05
 """Rad or m that at least one joint must move."""
-LEAST_SAMPLES = 40
 SLOWEST = 0.5
 """Seconds between samples, at most."""
 WRAPPED = (5.0, 7.5)
@@ -68,13 +69,13 @@ def check(recordings: Sequence[Recording], model: mujoco.MjModel) -> None:
 def _seen(recording: Recording) -> NDArray[np.float64]:
     """Positions from the first that is there."""
     q = np.asarray(recording.qpos)
-    return q[int(np.isfinite(q).any(axis=1).argmax()) :]
+    return q[first_seen(q) :]
 
 
 def _check_clocks(recording: Recording, who: str) -> None:
     t, t_action = np.asarray(recording.t_state), recording.t_action
-    if len(t) < LEAST_SAMPLES:
-        raise InputError(f"{who} has {len(t)} samples; at least {LEAST_SAMPLES} are needed.")
+    if len(t) < SAMPLES:
+        raise InputError(f"{who} has {len(t)} samples; at least {SAMPLES} are needed.")
     between = float(np.median(np.diff(t)))
     if not between > 0:
         raise InputError(f"{who} has a clock that stands still (t_state); record when each sample was taken.")

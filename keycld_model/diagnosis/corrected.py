@@ -64,7 +64,7 @@ def corrected_xml(written: Native, source: Source) -> str:
     spec.option.gravity, spec.option.disableflags = target.opt.gravity, target.opt.disableflags
     spec.compile()
     text = spec.to_xml()
-    rough = mujoco.MjModel.from_xml_string(text, dict(source.assets))
+    rough = _compiled(text, source)
     root = ElementTree.fromstring(text)
     _options(root, target)
     names = [rough.body(b).name for b in range(rough.nbody)], [target.body(b).name for b in range(target.nbody)]
@@ -84,8 +84,18 @@ def corrected_xml(written: Native, source: Source) -> str:
     _loops(root, rough, target)
     ElementTree.indent(root)
     out = _comment(written) + ElementTree.tostring(root, encoding="unicode") + "\n"
-    _verify(mujoco.MjModel.from_xml_string(out, dict(source.assets)), target)
+    _verify(_compiled(out, source), target)
     return out
+
+
+def _compiled(text: str, source: Source) -> Model:
+    """Raise InputError if MuJoCo does not read what it has written."""
+    try:
+        return mujoco.MjModel.from_xml_string(text, dict(source.assets))
+    except ValueError as error:
+        raise InputError(
+            f"corrected.xml cannot be written: {error}; use report.json with the original file."
+        ) from error
 
 
 def _comment(written: Native) -> str:

@@ -1,7 +1,7 @@
 """The whole diagnosis: refit, search, test on held-out recordings, report."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import mujoco
@@ -104,7 +104,8 @@ def diagnose(
         nominal = replace(refitted, point=refitted.problem.start())
         rollouts = [trial.long(fit) for fit in (nominal, refitted, concluded.fit)]
         if rollout_error(rollouts[2]) > rollout_error(rollouts[1]):  # what is handed back is never the worse one
-            concluded, rollouts[2] = _withdrawn(concluded, named, trial, (refitted, rollouts[1]))
+            verdict: Verdict = "undetermined" if concluded.findings else concluded.verdict
+            concluded, rollouts[2] = replace(concluded, fit=refitted, verdict=verdict), rollouts[1]
         limits = rollouts if concluded.ceiling is None else [*rollouts, trial.long(concluded.ceiling)]
         doubts = explained.doubts(named.verdict == "undetermined") if named.findings else []
         proposed = next_experiment(explained.best.fit, doubts, training, trial.samples) if doubts else None
@@ -240,20 +241,6 @@ def _unnamed(
     return replace(named, ceiling=alone)
 
 
-def _withdrawn(
-    concluded: _Conclusion, named: _Conclusion, trial: "_Trial", refitted: tuple[Fit, Fit]
-) -> tuple[_Conclusion, Fit]:
-    """What is handed back instead of a conclusion that rolls out worse than the refitted simulator.
-
-    The named effects alone, where they roll out better than it; else nothing. `refitted` is the simulator and its long
-    rollouts.
-    """
-    if concluded.fit is not named.fit and rollout_error(rolled := trial.long(named.fit)) < rollout_error(refitted[1]):
-        return replace(named, verdict="undetermined"), rolled
-    verdict: Verdict = "undetermined" if concluded.findings else concluded.verdict
-    return replace(concluded, fit=refitted[0], verdict=verdict), refitted[1]
-
-
 def _refit(simulator: Simulator, recordings: Sequence[Recording], sigma: NDArray[np.float64]) -> Fit:
     """Nuisances alone."""
     problem = _problem(simulator, recordings, sigma)
@@ -385,14 +372,15 @@ class _Trial:
 
     windows: Problem
     rollouts: Problem
+    known: list[tuple[Fit, Fit]] = field(default_factory=list, repr=False)
 
     @classmethod
     def of(cls, fit: Fit, test: Sequence[Recording], sigma: NDArray[np.float64]) -> "_Trial":
         simulator = fit.problem.simulator
         seen = min(int(np.isfinite(r.qpos).any(axis=1).sum()) for r in test if r.qpos is not None)
         horizon = max(1, min(HORIZON, seen // SAMPLES))
-        lengths = (SAMPLES, SAMPLES * horizon)
-        return cls(*(Problem(simulator, cut(test, simulator.step, n), sigma) for n in lengths))
+        short, long = (cut(test, simulator.step, n) for n in (SAMPLES, SAMPLES * horizon))
+        return cls(Problem(simulator, short, sigma), Problem(simulator, long, sigma))
 
     def lengthened(self, training: Sequence[Recording]) -> Problem:
         """Training recordings in windows as long as the long rollouts."""
@@ -416,6 +404,10 @@ class _Trial:
         return replay(self.windows, fit)
 
     def long(self, fit: Fit) -> Fit:
-        """On long rollouts, with the pulses of the windows: their times are found best there."""
+        """On long rollouts, with the pulses of the windows: their times are found best there; once."""
+        for asked, rolled in self.known:
+            if asked is fit:
+                return rolled
         pulses = self.short(fit).point.variant.pulses if fit.point.variant.pulses else ()
-        return replay(self.rollouts, fit, 12, pulses)
+        self.known.append((fit, replay(self.rollouts, fit, 12, pulses)))
+        return self.known[-1][1]

@@ -223,8 +223,8 @@ class Search:
         fit, model = self._sample(best.fit, GLIMPSE), self.problem.simulator.model
         kinds = {type(h.effect) for h in self.hypotheses if isinstance(h.effect, TransmissionEffect)}
         inertia = float(model.dof_M0[effect.dof(model)])
-        starts = [start for kind in sorted(kinds, key=lambda k: k.id) for start in kind.starts(effect.where, inertia)]
-        starts = [start for start in starts if start.key not in {e.key for e in rest}]
+        used, ordered = {e.key for e in rest}, sorted(kinds, key=lambda k: k.id)
+        starts = [s for kind in ordered for s in kind.starts(effect.where, inertia) if s.key not in used]
         ways = (False, True) if fit.chi_square > NOISE else (False,)
         glances = [self._glance(fit, [*rest, start], loose) for start in starts for loose in ways]
         closer = [fit.problem.minimise(g.point, CLOSER) for g in sorted(glances, key=_cost)[:FAVOURITES]]

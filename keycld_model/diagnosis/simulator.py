@@ -324,8 +324,8 @@ class Simulator:
             if (known := self._remembered.get(id(u))) is None or known[0] is not u:
                 states = np.empty((len(u), self._mujoco.size))
                 mujoco.mj_resetData(self.model, data)
-                held = range(0 if np.any(self.model.actuator_dyntype == mujoco.mjtDyn.mjDYN_INTEGRATOR) else BEFORE)
-                for k in (*(0 for _ in held), *range(len(u))):
+                integrates = np.any(self.model.actuator_dyntype == mujoco.mjtDyn.mjDYN_INTEGRATOR)
+                for k in [*[0] * (0 if integrates else BEFORE), *range(len(u))]:
                     data.qpos[:], data.qvel[:], data.ctrl[:] = self.model.qpos0, 0.0, u[k]
                     mujoco.mj_getState(self.model, data, states[k], mujoco.mjtState.mjSTATE_FULLPHYSICS)
                     mujoco.mj_step(self.model, data)

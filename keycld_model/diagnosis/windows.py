@@ -119,8 +119,7 @@ def cut(recordings: Sequence[Recording], step: float, samples: int) -> Windows:
         commands.append(average_commands(recording, edges))
         speeds.append(_speeds(t, q, (edges[1:] + edges[:-1]) / 2))
         longest = PAUSE * samples * np.median(np.diff(t))
-        begin = int(np.isfinite(q).any(axis=1).argmax())
-        for i in range(begin, len(t) - samples + 1, samples):
+        for i in range(first_seen(q), len(t) - samples + 1, samples):
             first = _steps_before(t[i] - origin, step)
             piece = slice(i, i + samples)
             if _seen(q[piece]) and t[i + samples - 1] - t[i] < longest:
@@ -144,6 +143,11 @@ def _steps_before(seconds: Any, step: float) -> Any:
 def _steps_over(time: Array, start: Array, step: float) -> int:
     """Steps that windows need to reach their last samples, times `[W, n]` and `[W]`."""
     return int(np.ceil((time[:, -1] - start).max() / step)) + 1
+
+
+def first_seen(q: Array) -> int:
+    """Index of the first sample of positions `[n, nv]` that is there."""
+    return int(np.isfinite(q).any(axis=1).argmax())
 
 
 def _seen(measured: Array) -> Any:
