@@ -6,12 +6,13 @@ from html import escape
 from pathlib import Path
 from string import Template
 
+import numpy as np
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from keycld_control.benchmarks.weights import SYSTEMS
-from keycld_control.paper.plan import ABLATIONS, OPTIMISERS, TITLES
+from keycld_control.paper.plan import ABLATIONS, AMOUNTS, OPTIMISERS, TITLES, WHOLE
 from keycld_control.paper.tables import Result, Table, chosen, tables, with_measure
 from keycld_envs.files import atomic_file
 
@@ -49,9 +50,11 @@ def write_report(out: Path, results: Sequence[Result]) -> None:
 
 
 def figures(results: Sequence[Result]) -> Iterator[tuple[str, go.Figure]]:
-    """Figure 3, figures 8 to 12."""
+    """Figure 3, figures 8 to 12, and what the paper has not."""
     if any("curve" in r for r in results):
         yield "Error of predicted frames over time (figure 3)", _curves(results)
+    if any(r["sequences"] != WHOLE for r in results):
+        yield "Valid prediction time by number of training sequences", _amounts(results)
     if any("potential" in r for r in results):
         yield "Potential energy (figures 8 to 12)", _potentials(results)
     if any("memory" in r for r in results):
@@ -79,6 +82,20 @@ def _curves(results: Sequence[Result]) -> go.Figure:
     figure.update_yaxes(type="log", exponentformat="power", col=1, title="mean squared error")
     figure.update_xaxes(title="frame")
     return figure.update_layout(template="plotly_white", height=420, margin={"t": 50})
+
+
+def _amounts(results: Sequence[Result]) -> go.Figure:
+    figure = go.Figure()
+    for colour, system in zip(COLOURS, SYSTEMS, strict=False):
+        points = [
+            (amount, [r["table"]["vpt_from_5"] for r in chosen(results, system, "default", amount) if "table" in r])
+            for amount in (*AMOUNTS, WHOLE)
+        ]
+        x, y = [a for a, scores in points if scores], [float(np.mean(scores)) for _, scores in points if scores]
+        figure.add_scatter(x=x, y=y, name=system, mode="lines+markers", line={"color": colour})
+    figure.update_xaxes(type="log", title="sequences", tickvals=[*AMOUNTS, WHOLE])
+    figure.update_yaxes(title="VPT from five frames", rangemode="tozero")
+    return figure.update_layout(template="plotly_white", height=360, margin={"t": 30})
 
 
 def _potentials(results: Sequence[Result]) -> go.Figure:

@@ -42,7 +42,7 @@ def tables(results: Sequence[Result]) -> list[Table]:
     """All that these results can fill."""
     made = (
         vpt(results), amounts(results), actions(results), long(results), chaos(results), recall(results),
-        potential(results), integrators(results), swing_ups(results), sooner(results),
+        potential(results), states(results), integrators(results), swing_ups(results), sooner(results),
     )  # fmt: skip
     return [table for table in made if table.rows]
 
@@ -202,15 +202,38 @@ def potential(results: Sequence[Result]) -> Table:
             r2 = [s["r2"] for s in sweeps if s["r2"] is not None]
             shape = f"R² {interval(r2, 4)}" if r2 else f"changes by {interval([s['change'] for s in sweeps], 3)}"
             rows.append((system, f"{sweeps[0]['figure']}", sweeps[0]["title"], shape))
-        ratios = [r["mass_ratio"] for r in found if r.get("mass_ratio")]
-        if ratios:
-            text = f"{interval([r['ratio'] for r in ratios], 3)}, exact {ratios[0]['exact']:.3g}"
+        masses = [r["masses"] for r in found]
+        if masses[0]["exact"] is not None:
+            text = f"{interval([m['ratio'] for m in masses])}, exact {masses[0]['exact']:.3g}"
             rows.append((system, "–", "m1/m2", text))
+        for i in range(len(masses[0]["lengths"])):
+            rows.append(
+                (system, "–", f"length of rod {i + 1}, learned/exact", interval([m["lengths"][i] for m in masses]))
+            )
+        rows.append((system, "–", "potential per mass, learned/exact", interval([m["potential"] for m in masses])))
     return Table(
         "Potential energy and masses",
         "Scale and offset of V are fixed by least squares, one scale for all sweeps of a system. Where the true "
-        "potential is constant: range of V relative to the other sweep's.",
+        "potential is constant: range of V relative to the other sweep's. Exact are the point masses that move as the "
+        "bodies do; V and masses share a factor that motion leaves open, so that their ratio counts.",
         ("system", "figure", "what moves", "against the truth"),
+        tuple(rows),
+    )
+
+
+def states(results: Sequence[Result]) -> Table:
+    """Whether predicted states are possible ones."""
+    rows = []
+    for system, found in with_measure(results, "long"):
+        changes = np.concatenate([r["long"]["true_energy"] for r in found])
+        off = interval([1e3 * r["long"]["off_constraints"] for r in found])
+        rows.append((system, worst(changes), str(len(changes)), off))
+    return Table(
+        "Predicted states over 1,000 frames",
+        "Energy of the true bodies at joint positions decoded from predicted keypoints, speeds by differences: largest "
+        "change, median and worst of the recordings without actions, relative to the range of the true potential. "
+        "Distance of predicted keypoints from the constraints, |Phi|: median over all recordings of the greatest.",
+        ("system", "change of true energy", "recordings", "median |Phi|, 1e-3"),
         tuple(rows),
     )
 

@@ -12,7 +12,7 @@ from keycld_control.paper.measures.energy import drift
 from keycld_control.paper.measures.frames import beginning, curve, table_row
 from keycld_control.paper.measures.long import FRAMES, beyond
 from keycld_control.paper.measures.lyapunov import lyapunov
-from keycld_control.paper.measures.masses import mass_ratio
+from keycld_control.paper.measures.masses import learned_masses
 from keycld_control.paper.measures.memory import memory
 from keycld_control.paper.measures.potential import potential
 from keycld_control.paper.measures.speed import reference_step, speed
@@ -77,7 +77,9 @@ def one(work: Work, training: Training) -> None:
     write_strip(work.out / "strips" / f"{training.name}.png", model, test)
     result |= {"training_s": seconds, "table": table_row(model, test), "curve": curve(model, test)}
     if model.config.networks.motion == "constrained":
-        result |= {"potential": potential(model, training.system), "mass_ratio": mass_ratio(model, training.system)}
+        sweeps = potential(model, training.system)
+        masses = learned_masses(model, training.system, sweeps[0]["unit"])
+        result |= {"potential": sweeps, "masses": masses}
     if training.is_default:
         result |= of_default(model, training.system, test, result["curve"]["errors"], load)
         result["swing_up"] = write_swing_up(work.out / "strips" / f"{training.name}-swing-up.png", model)

@@ -11,8 +11,9 @@ from keycld_control.cli import main
 from keycld_control.paper import work as working
 from keycld_control.paper.measures.long import _energy_changes, horizon, natural_frames
 from keycld_control.paper.measures.lyapunov import exponent
-from keycld_control.paper.measures.masses import equivalent_masses
+from keycld_control.paper.measures.masses import equivalent_masses, learned_masses
 from keycld_control.paper.measures.memory import distances
+from keycld_control.paper.measures.potential import potential
 from keycld_control.paper.measures.speed import speed
 from keycld_control.paper.page import write_report
 from keycld_control.paper.plan import AMOUNTS, Training, trainings
@@ -22,6 +23,7 @@ from keycld_control.paper.work import Work, results, work_off
 from keycld_control.plain_json import write_json
 from keycld_envs import get_system
 from keycld_envs.recordings.dataset import Sequences
+from keycld_model import WorldModel
 from keycld_model.evaluation.joint_coordinates import joint_positions
 
 SYSTEMS = ("pendulum", "cartpole", "acrobot")
@@ -127,10 +129,11 @@ def made_up(system, preset, seed, vpt, sequences=450):
         "valid": [1.0],
     }
     table = {"vpt_from_10": vpt, "vpt_from_5": vpt, "vpt_from_2": vpt / 2, "frame_index_from_2": 49 * vpt}
+    masses = {"ratio": None, "exact": None, "error": None, "lengths": [1.01], "potential": 0.99}
     sweep = {"figure": 8, "title": "pole turns", "position": [0.0, 1.0], "learned": [0.0, 1.1], "true": [0.0, 1.0]}
     return {
         "schema": working.SCHEMA, "system": system, "preset": preset, "seed": seed, "sequences": sequences,
-        "table": table, "curve": curve, "potential": [{**sweep, "r2": 0.99, "change": 1.0}], "mass_ratio": None,
+        "table": table, "curve": curve, "potential": [{**sweep, "r2": 0.99, "change": 1.0}], "masses": masses,
     }  # fmt: skip
 
 
@@ -195,3 +198,11 @@ def test_what_cannot_be_made_is_told(tmp_path, capsys):
         assert told in capsys.readouterr().err
     write_report(tmp_path, [made_up("acrobot", "default", 0, 1.0)])
     assert (tmp_path / "report.html").is_file()
+
+
+def test_learned_masses_are_those_of_the_bodies():
+    """Shipped weights of the acrobot: masses, lengths and weights within three percent."""
+    model = WorldModel.load("acrobot")
+    found = learned_masses(model, "acrobot", potential(model, "acrobot")[0]["unit"])
+    assert found["error"] < 0.03
+    np.testing.assert_allclose([*found["lengths"], found["potential"]], 1, atol=0.03)

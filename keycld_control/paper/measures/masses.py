@@ -1,24 +1,56 @@
-"""Learned masses against those of point masses that move exactly as the bodies do."""
+"""Learned masses, lengths and weights against those of point masses that move exactly as the bodies do."""
 
 from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from keycld_envs import get_system
+from keycld_envs.projection import world_to_image
 from keycld_envs.systems.base import System
 from keycld_model import WorldModel
 
 POSES = 20
 
 
-def mass_ratio(model: WorldModel, system: str) -> dict[str, Any] | None:
-    """m1/m2; None for a system with one mass."""
-    exact = equivalent_masses(get_system(system))
-    if len(exact) < 2:
-        return None
-    ratio, true = float(model.masses[0] / model.masses[1]), exact[0] / exact[1]
-    return {"ratio": ratio, "exact": true, "error": abs(ratio / true - 1)}
+def learned_masses(model: WorldModel, system: str, unit: float) -> dict[str, Any]:
+    """Learned masses, where they are, and how strongly gravity pulls at them, beside the equivalent point masses.
+
+    Args:
+        model: the world model.
+        system: short name.
+        unit: joules per learned unit of V, see `potential`.
+
+    Returns:
+        "ratio", "exact" and "error" of m1/m2, None for a single mass; "lengths", learned rod lengths over exact ones;
+        "potential", V per kinetic energy over the true ratio: both share the factor that motion leaves open.
+    """
+    what = get_system(system)
+    exact = equivalent_masses(what)
+    lengths, scale = _geometry(what, model.image_shape)
+    rods = np.sqrt(2 * model.level[: len(lengths)])
+    out: dict[str, Any] = {"ratio": None, "exact": None, "error": None}
+    if len(exact) > 1:
+        ratio, true = float(model.masses[0] / model.masses[1]), exact[0] / exact[1]
+        out = {"ratio": ratio, "exact": true, "error": abs(ratio / true - 1)}
+    kinetic = sum(exact) / scale**2  # joules per learned unit of kinetic energy: learned masses sum to one
+    return out | {"lengths": (rods / (scale * lengths)).tolist(), "potential": kinetic / unit}
+
+
+def _geometry(system: System, image_shape: tuple[int, int]) -> tuple[NDArray[np.floating], float]:
+    """Lengths `[R]` of the rods between mass positions, m, and image units per metre at the last of them."""
+    model = system.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    points = []
+    for mark in system.landmarks:
+        body = data.body(mark.body)
+        points.append(body.xpos + body.xmat.reshape(3, 3) @ np.asarray(mark.mass_position))
+    rods = [(data.xanchor[0] if r.start is None else points[r.start], points[r.end]) for r in system.mechanism.rods]
+    lengths = np.array([np.linalg.norm(end - start) for start, end in rods])
+    start, end = world_to_image(model, data, rods[-1], system.camera, *reversed(image_shape))
+    return lengths, float(np.linalg.norm(end - start) / lengths[-1])
 
 
 def equivalent_masses(system: System) -> list[float]:

@@ -58,7 +58,7 @@ def potential(model: WorldModel, system: str) -> list[dict[str, Any]]:
     """V at the keypoints of rendered poses, and the true one, in its own scale (one for all sweeps) and offset.
 
     R² of the sweep of the cart says nothing, for the true potential is constant there; in its place stands how much V
-    changes, relative to its range in the other sweep.
+    changes, relative to its range in the other sweep. "unit" is the scale, joules per learned unit of V.
     """
     sweeps, true, learned = SWEEPS[system], [], []
     with closing(KeyCLDEnv(system)) as env:
@@ -83,6 +83,7 @@ def potential(model: WorldModel, system: str) -> list[dict[str, Any]]:
                 "r2": None if flat else 1 - float(np.sum((scaled - t) ** 2) / np.sum((t - t.mean()) ** 2)),
                 "r2_own_scale": None if flat else float(np.corrcoef(v, t)[0, 1] ** 2),
                 "change": float(np.ptp(scaled) / widest),
+                "unit": scale,
             }
         )
     return out
