@@ -9,7 +9,8 @@ from jax import Array
 
 from keycld_model.modules import Parts, as_float
 from keycld_model.training.data import TrainingData
-from keycld_model.training.keypoint_tables import keypoint_table, slide_along_rods
+from keycld_model.training.keypoint_tables import keypoint_table
+from keycld_model.training.places import to_masses
 from keycld_model.training.stage import Batch, Context, Stage, Variables
 
 DISTRUST = 0.05
@@ -47,9 +48,8 @@ class Distil(Stage):
     def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
         """Compare trajectories and keypoints once, before the keypoints change."""
         context = self.prepare(parts, {**variables, "trust": jnp.ones((1,))}, data)
-        keypoints = slide_along_rods(
-            parts.config.mechanism, variables["rod_scale"], jnp.asarray(keypoint_table(parts, variables, data))
-        )
+        measured = jnp.asarray(keypoint_table(parts, variables, data))
+        keypoints = to_masses(parts.config.mechanism, variables, measured)
         error = context["target"].reshape(*keypoints.shape[:2], -1, 2) - np.asarray(keypoints).reshape(
             *keypoints.shape[:2], -1, 2
         )
@@ -80,4 +80,5 @@ class Distil(Stage):
 
     def leave(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
         """The keypoints are now where the masses are."""
-        return {**variables, "rod_scale": jnp.zeros_like(variables["rod_scale"])}
+        there = jnp.zeros_like(variables["rod_scale"])
+        return {**variables, "rod_scale": there, "lean": there}

@@ -12,7 +12,8 @@ from keycld_model.modules import Parts
 from keycld_model.state_estimation import estimate_state
 from keycld_model.training.data import TrainingData
 from keycld_model.training.identification import identify
-from keycld_model.training.keypoint_tables import keypoint_table, local_polynomials, slide_along_rods
+from keycld_model.training.keypoint_tables import keypoint_table, local_polynomials
+from keycld_model.training.places import to_keypoints, to_masses
 from keycld_model.training.stage import Batch, Context, Stage, Variables
 
 
@@ -50,7 +51,7 @@ class _Fit(Stage):
             return model.rollout(x, v, u, parts.config.timestep)[0]
 
         positions = jax.vmap(one)(x, v, actions)
-        seen = slide_along_rods(parts.config.mechanism, -variables["rod_scale"], positions)
+        seen = to_keypoints(parts.config.mechanism, variables, positions)
         error = (seen - keypoints).reshape(*seen.shape[:-1], -1, 2)
         distance = jnp.sqrt(jnp.sum(error**2, axis=-1) + 1e-8)
         huber = jnp.where(distance < self.huber, distance**2 / (2 * self.huber), distance - self.huber / 2)
@@ -71,8 +72,8 @@ class FitWindows(_Fit):
         """Take the constants of the constraints from the keypoints."""
         keypoints = keypoint_table(parts, variables, data)
         level = mean_level(parts, variables, keypoints)
-        scale = jnp.zeros(parts.config.mechanism.num_keypoints)
-        return {**variables, "dynamics": {**variables["dynamics"], "level": level}, "rod_scale": scale}
+        there = jnp.zeros(parts.config.mechanism.num_keypoints)
+        return {**variables, "dynamics": {**variables["dynamics"], "level": level}, "rod_scale": there, "lean": there}
 
     def prepare(self, parts: Parts, variables: Variables, data: TrainingData) -> Context:
         """Keypoints and their local polynomials."""
@@ -94,9 +95,7 @@ class FitWindows(_Fit):
 
     def loss(self, parts: Parts, variables: Variables, batch: Batch) -> tuple[Array, dict[str, Array]]:
         """Mean Huber distance over the window; each window keeps its own measured lengths."""
-        mechanism, scale = parts.config.mechanism, variables["rod_scale"]
-        x = slide_along_rods(mechanism, scale, batch["x"])
-        v = slide_along_rods(mechanism, scale, batch["v"])
+        x, v = (to_masses(parts.config.mechanism, variables, batch[name]) for name in ("x", "v"))
         return self._loss(parts, variables, x, v, batch["actions"], batch["keypoints"])
 
 
@@ -110,9 +109,9 @@ class FitTrajectories(_Fit):
         portion: fraction of each sequence to follow, from its first frame; grows from stage to stage.
         restart: estimate the initial states anew from the first frames.
         slide: let keypoints move along their rods.
-        sparse: the Gauss-Newton steps let motors act on few keypoints.
+        sparse: the Gauss-Newton steps let motors act on few keypoints, and keypoints lean along their rails.
         identify: at most this many Gauss-Newton steps on masses, slide and linear terms, if there are any, before the
-            optimiser's.
+            optimiser's; as many again if `sparse`.
     """
 
     steps: int = 0
@@ -132,7 +131,7 @@ class FitTrajectories(_Fit):
     def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
         """Initial states by least squares, from scratch or from where they are."""
         measured = jnp.asarray(keypoint_table(parts, variables, data))
-        keypoints = slide_along_rods(parts.config.mechanism, variables["rod_scale"], measured)
+        keypoints = to_masses(parts.config.mechanism, variables, measured)
         first = self.frames(data)
         if self.restart:
             level = mean_level(parts, variables, np.asarray(keypoints))

@@ -4,6 +4,7 @@ Masses, their places on the rods and the scale of the forces nearly compensate f
 motion. Gradient descent creeps along that valley for thousands of steps; Gauss-Newton crosses it in a few.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -14,7 +15,7 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from keycld_model.modules import Parts
-from keycld_model.training.keypoint_tables import end_rods, slide_along_rods
+from keycld_model.training.places import end_rods, rails, slide_along_rods, to_keypoints
 from keycld_model.training.stage import Variables
 
 HUBER = 0.01
@@ -25,10 +26,14 @@ RIDGE = 1e-9
 """Relative; holds directions that the recordings do not determine, such as forces along a rod."""
 ATTEMPTS = 6
 """Steps tried, each ten times more cautious, before the fit counts as converged."""
-CONVERGED = 1e-5
+CONVERGED = 1e-6
 """Relative gain of a step below which the fit counts as converged."""
 NEGLIGIBLE = 0.01
 """A motor's influence on a keypoint, relative to its greatest on any, that hardly differs from none."""
+ABSENT = 0.03
+"""Influence below which a motor does not act on a keypoint."""
+LEAN = 0.03
+"""Standard deviation of `lean` before it is known; the fit after the next distillation finds what this held back."""
 
 Vector = NDArray[np.float64]
 
@@ -42,7 +47,7 @@ def identify(
     slide: bool = True,
     sparse: bool = False,
 ) -> Variables:
-    """Fit masses, rod scales, levels, linear terms of V and g, and all initial states, to keypoints at once.
+    """Fit masses, their places, levels, linear terms of V and g, and all initial states, to keypoints at once.
 
     A Levenberg-Marquardt fit with Huber weights; the initial state of each sequence is eliminated by a Schur
     complement, as in bundle adjustment (Triggs et al., Bundle Adjustment: A Modern Synthesis, 2000).
@@ -51,23 +56,32 @@ def identify(
     costs as many parameters as describe it by the Bayesian information criterion; otherwise a force of the cart's motor
     on the pole looks like the inertia of the pole, and the place of the pole's mass is free. The count is made smooth
     as in Frommlet and Nuel, An Adaptive Ridge Procedure for L0 Regularization (2016), for groups. What
-    a parameter must gain follows from the median deviation at each step.
+    a parameter must gain follows from the median deviation at each step. Then what acts is fitted without that price,
+    which also weighs on what is there, and together with how far keypoints lean along their rails: a lean is
+    told from the mass of a pole only by where motors do not act. If that explains keypoints worse than the price was
+    worth, what was fitted with it stays.
 
     Args:
         parts: the networks; V and g must have linear terms.
-        variables: "dynamics", "rod_scale" and "trajectories" to start from.
-        keypoints: `[N, T, n]` as measured (before `slide_along_rods`).
+        variables: "dynamics", "rod_scale", "lean" and "trajectories" to start from.
+        keypoints: `[N, T, n]` as measured (before `to_masses`).
         actions: `[N, T-1, m]`.
-        iterations: at most this many steps.
-        slide: also fit the rod scales.
+        iterations: at most this many steps; if sparse, as many again without the price.
+        slide: also fit where masses are.
         sparse: let motors act on few keypoints.
 
     Returns:
-        Variables with these three replaced.
+        Variables with these four replaced.
     """
-    problem = _Problem(parts, variables, keypoints, actions, slide)
+    problem = _Problem(parts, variables, keypoints, actions, slide, at_masses=sparse)
     fit = _Fit(problem.start, variables["trajectories"]["x"], variables["trajectories"]["v"])
-    fit = _minimise(problem, fit, iterations, sparse)
+    lean = problem.where("lean")
+    fit, cost = _minimise(problem, fit, iterations, problem.price if sparse else np.zeros_like, ~lean)
+    if sparse:
+        absent = problem.absent(fit.theta)
+        acting = fit._replace(theta=np.where(absent, 0, fit.theta))
+        acting, without = _minimise(problem, acting, iterations, lambda _: lean / LEAN**2, ~absent)
+        fit = acting if without <= cost else fit
     return {**problem.variables(jnp.asarray(fit.theta, jnp.float32)), "trajectories": {"x": fit.x, "v": fit.v}}
 
 
@@ -79,27 +93,31 @@ class _Fit(NamedTuple):
     v: Array
 
 
-def _minimise(problem: "_Problem", fit: _Fit, iterations: int, sparse: bool) -> _Fit:
-    """Levenberg-Marquardt on deviations and, if sparse, the number of influences."""
-    caution = 1e-5
+def _minimise(
+    problem: "_Problem", fit: _Fit, iterations: int, price: Callable[[Vector], Vector], free: NDArray[np.bool_]
+) -> tuple[_Fit, float]:
+    """Levenberg-Marquardt on deviations and the price of the parameters that are free.
+
+    The price gives second derivatives `[p]` of a penalty at a noise of one. Returns the fit, and its cost and price.
+    """
+    caution, cost = 1e-5, np.inf
     for _ in range(iterations):
-        blocks, ridge = problem.blocks(fit), np.zeros_like(fit.theta)
-        if sparse:
-            ridge = problem.price(fit.theta) * np.median(blocks.cost) / problem.mechanism.num_keypoints
-        before = blocks.cost.sum() + 0.5 * ridge @ fit.theta**2
+        blocks = problem.blocks(fit)
+        ridge = price(fit.theta) * np.median(blocks.cost) / problem.mechanism.num_keypoints
+        cost = before = blocks.cost.sum() + 0.5 * ridge @ fit.theta**2
         for _ in range(ATTEMPTS):
-            shared, own = blocks.step(ridge, ridge * fit.theta, caution)
+            shared, own = blocks.step(ridge, ridge * fit.theta, caution, free)
             costs, new = problem.try_step(fit, shared, own)
-            cost = costs.sum() + 0.5 * ridge @ new.theta**2
-            if cost < before:
+            after = costs.sum() + 0.5 * ridge @ new.theta**2
+            if after < before:
                 break
             caution *= 10
         else:
             break
-        fit, caution = new, max(caution / 10, 1e-10)
+        fit, cost, caution = new, after, max(caution / 10, 1e-10)
         if cost > (1 - CONVERGED) * before:
             break
-    return fit
+    return fit, float(cost)
 
 
 class _Blocks(NamedTuple):
@@ -115,13 +133,14 @@ class _Blocks(NamedTuple):
     gradient: Vector
     cost: Vector
 
-    def step(self, ridge: Vector, pull: Vector, caution: float) -> tuple[Vector, Vector]:
+    def step(self, ridge: Vector, pull: Vector, caution: float, free: NDArray[np.bool_]) -> tuple[Vector, Vector]:
         """The step of the shared parameters `[p]` and of the sequences' own `[N, s]`; zero if all have diverged.
 
         Args:
             ridge: `[p]`, second derivatives of the penalty.
             pull: `[p]`, its gradient.
             caution: damping of Levenberg and Marquardt.
+            free: `[p]`, parameters that move.
         """
         p = len(ridge)
         good = np.isfinite(self.hessian).all((1, 2)) & np.isfinite(self.gradient).all(1)
@@ -134,8 +153,11 @@ class _Blocks(NamedTuple):
         solved = np.linalg.solve(own, np.concatenate([cross, g[:, p:, None]], axis=-1))
         shared = h[:, :p, :p].sum(0) - np.einsum("nsp,nsq->pq", cross, solved[..., :-1]) + np.diag(ridge)
         right = g[:, :p].sum(0) + pull - np.einsum("nsp,ns->p", cross, solved[..., -1])
-        diagonal = np.diag(shared)
-        first = -np.linalg.solve(shared + np.diag(caution * diagonal + RIDGE * diagonal.mean()), right)
+        diagonal, moving = np.diag(shared)[free], np.ix_(free, free)
+        first = np.zeros(p)
+        first[free] = -np.linalg.solve(
+            shared[moving] + np.diag(caution * diagonal + RIDGE * diagonal.mean()), right[free]
+        )
         second = np.zeros((len(self.cost), own.shape[1]))
         second[good] = -(solved[..., -1] + solved[..., :-1] @ first)
         return first, second
@@ -145,7 +167,8 @@ class _Problem:
     """Residuals and derivatives, in coordinates in which the valley is nearly straight.
 
     Forces act where keypoints were seen, wherever on the rod the mass is, and a mass at the end of a rod counts by its
-    moment about the joint; so a wrong place of the mass leaves forces and inertia as they are.
+    moment about the joint; so a wrong place of the mass leaves forces and inertia as they are. If it matters which of
+    the masses a motor acts on, forces act on these.
     """
 
     def __init__(
@@ -155,10 +178,12 @@ class _Problem:
         keypoints: Array | NDArray[np.float32],
         actions: NDArray[np.float32],
         slide: bool,
+        at_masses: bool,
     ) -> None:
-        self.parts, self.first = parts, variables
+        self.parts, self.first, self.at_masses = parts, variables, at_masses
         self.mechanism = parts.config.mechanism
         self.ends = jnp.asarray([end for _, end in end_rods(self.mechanism)] if slide else [], int)
+        self.leaning = jnp.asarray([start for start, _ in rails(self.mechanism)] if slide else [], int)
         parameters, self._unravel = ravel_pytree(self._parameters(variables))
         self.start = np.asarray(parameters, np.float64)
         self.sequences = len(keypoints)
@@ -177,19 +202,39 @@ class _Problem:
         as a single measurement.
         """
         p = self._unravel(jnp.asarray(theta, jnp.float32))
+        mass, square = self._influences(p)
+        size = 2 * (2 * self.mechanism.num_keypoints + 1)
+        price = np.log(self.sequences) * size / (square + NEGLIGIBLE**2 * square.max(axis=0)) / mass
+        return self._of_influences(p, price)
+
+    def absent(self, theta: Vector) -> NDArray[np.bool_]:
+        """`[p]` parameters of those influences of motors on keypoints that hardly differ from none."""
+        p = self._unravel(jnp.asarray(theta, jnp.float32))
+        _, square = self._influences(p)
+        return self._of_influences(p, square < ABSENT**2 * square.max(axis=0)) > 0
+
+    def where(self, name: str) -> NDArray[np.bool_]:
+        """`[p]` parameters of one name."""
+        p = self._unravel(jnp.asarray(self.start, jnp.float32))
+        marked = {key: jnp.full_like(value, key == name) for key, value in p.items()}
+        return np.asarray(ravel_pytree(marked)[0]) > 0
+
+    def _influences(self, p: dict[str, Array]) -> tuple[Array, Array]:
+        """Masses `[K, 1]`, squared forces of motors `[K, m]` as Gauss's principle of least constraint counts them."""
         n, mass = 2 * self.mechanism.num_keypoints, jax.nn.softmax(p["inertia"])[:, None]
         linear = jnp.sum(p["input"].reshape(n, n // 2, 2, -1) ** 2, axis=(0, 2))
         constant = jnp.sum(p["constant_input"].reshape(n // 2, 2, -1) ** 2, axis=1)
-        square = (linear + constant) / mass  # [K, m], of forces as they count in Gauss's principle of least constraint
-        size = 2 * (n + 1)
-        price = np.log(self.sequences) * size / (square + NEGLIGIBLE**2 * square.max(axis=0)) / mass
-        price = jnp.repeat(price, 2, axis=0)
-        prices = {
+        return mass, (linear + constant) / mass
+
+    def _of_influences(self, p: dict[str, Array], value: Array) -> Vector:
+        """Values `[K, m]` of influences as values `[p]` of the parameters that they consist of, zero for others."""
+        value = jnp.repeat(jnp.asarray(value, jnp.float32), 2, axis=0)
+        values = {
             **jax.tree.map(jnp.zeros_like, p),
-            "input": jnp.broadcast_to(price, p["input"].shape),
-            "constant_input": price,
+            "input": jnp.broadcast_to(value, p["input"].shape),
+            "constant_input": value,
         }
-        return np.asarray(ravel_pytree(prices)[0], np.float64)
+        return np.asarray(ravel_pytree(values)[0], np.float64)
 
     def blocks(self, fit: _Fit) -> _Blocks:
         """Second-order pictures of the costs of all sequences."""
@@ -208,7 +253,8 @@ class _Problem:
         return np.nan_to_num(np.minimum(np.asarray(cost, np.float64), bound), nan=bound)
 
     def _stretch(self, rod_scale: Array) -> Array:
-        """S `[n, n]`: positions of the masses = S positions seen."""
+        """S `[n, n]`: positions of the masses = S positions at which forces act."""
+        rod_scale = jnp.zeros_like(rod_scale) if self.at_masses else rod_scale
         return slide_along_rods(self.mechanism, rod_scale, jnp.eye(2 * self.mechanism.num_keypoints)).T
 
     def _stretched_levels(self, rod_scale: Array) -> Array:
@@ -224,6 +270,7 @@ class _Problem:
         return {
             "inertia": jax.nn.log_softmax(dynamics["log_masses"]).at[self.ends].add(2 * scale[self.ends]),
             "rod_scale": scale[self.ends],
+            "lean": variables["lean"][self.leaning],
             "level": dynamics["level"] / self._stretched_levels(scale),
             "potential": stretch.T @ dynamics["potential"]["linear"]["kernel"],
             "input": jnp.einsum("xi,xfu,fj->iju", stretch, kernel, stretch),
@@ -234,6 +281,7 @@ class _Problem:
         """Variables with these parameters; masses have sum 1."""
         p = self._unravel(theta)
         scale = self.first["rod_scale"].at[self.ends].set(p["rod_scale"])
+        lean = self.first["lean"].at[self.leaning].set(p["lean"])
         log_masses = p["inertia"].at[self.ends].add(-2 * p["rod_scale"])
         total = jnp.sum(jnp.exp(log_masses))
         back = jnp.linalg.inv(self._stretch(scale))
@@ -254,7 +302,7 @@ class _Problem:
             },
             "input": {**force, "linear": linear},
         }
-        return {**self.first, "dynamics": dynamics, "rod_scale": scale}
+        return {**self.first, "dynamics": dynamics, "rod_scale": scale, "lean": lean}
 
     def _deviations(
         self, theta: Array, z: Array, x: Array, v: Array, keypoints: Array, actions: Array
@@ -265,7 +313,7 @@ class _Problem:
         basis, dof = model.tangent_space(x), self.mechanism.degrees_of_freedom
         state = model.project(x + basis @ z[:dof], v + basis @ z[dof:])
         positions, _ = model.rollout(*state, actions, self.parts.config.timestep)
-        return slide_along_rods(self.mechanism, -variables["rod_scale"], positions) - keypoints, state
+        return to_keypoints(self.mechanism, variables, positions) - keypoints, state
 
     def _block(self, theta: Array, x: Array, v: Array, keypoints: Array, actions: Array) -> tuple[Array, Array, Array]:
         p = theta.shape[0]

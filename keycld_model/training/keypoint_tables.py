@@ -1,12 +1,9 @@
 """Keypoints of all frames, and their local polynomials."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from numpy.typing import NDArray
 
-from keycld_envs.mechanism import Mechanism
 from keycld_model.modules import Parts
 from keycld_model.training.data import TrainingData
 from keycld_model.training.stage import Variables
@@ -48,34 +45,3 @@ def local_polynomials(
         positions[:, t] = np.einsum("w,nwd->nd", filters[0], part)
         velocities[:, t] = np.einsum("w,nwd->nd", filters[1], part)
     return positions, velocities
-
-
-def end_rods(mechanism: Mechanism) -> list[tuple[int, int]]:
-    """Rods (start, end) between keypoints at whose end nothing else is attached."""
-    attached = [r.start for r in mechanism.rods] + [s.keypoint for s in mechanism.sliders]
-    ends = [r.end for r in mechanism.rods]
-    return [
-        (r.start, r.end)
-        for r in mechanism.rods
-        if r.start is not None and r.end not in attached and ends.count(r.end) == 1
-    ]
-
-
-def slide_along_rods(mechanism: Mechanism, log_scale: Array, x: Array) -> Array:
-    """Move the free end of each end rod along it, by a factor on the rod's length.
-
-    A single point mass stands for a whole link only at one distance from the joint (paper, appendix A.3), and pictures
-    do not show where that is. This finds it without touching the images.
-
-    Args:
-        mechanism: the declaration.
-        log_scale: `[K]` logarithms of the factors; used for ends of end rods only.
-        x: `[..., n]` positions.
-
-    Returns:
-        `[..., n]`.
-    """
-    points = [x[..., 2 * k : 2 * k + 2] for k in range(mechanism.num_keypoints)]
-    for start, end in end_rods(mechanism):
-        points[end] = points[start] + jnp.exp(log_scale[end]) * (points[end] - points[start])
-    return jnp.concatenate(points, axis=-1)

@@ -276,10 +276,10 @@ class _Run:
     def _score(self, variables: Variables, refine: bool = False) -> float:
         """Mean fraction of valid frames on held-out sequences; nan before there is a dynamics model of what is seen.
 
-        Until distillation, masses may lie elsewhere on their rods than the keypoints.
+        Until distillation, masses may lie elsewhere than the keypoints.
         """
         unknown = "trajectories" not in variables and not np.any(np.asarray(variables["dynamics"]["level"]))
-        if unknown or np.any(np.asarray(variables.get("rod_scale", 0))):
+        if unknown or any(np.any(np.asarray(variables.get(name, 0))) for name in ("rod_scale", "lean")):
             return float("nan")
         model = self._model.with_parameters(model_parameters(variables))
         errors = prediction_errors(model, self.test.frames, self.test.actions, refine=refine)

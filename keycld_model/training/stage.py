@@ -12,7 +12,8 @@ from keycld_model.modules import Parameters, Parts
 from keycld_model.training.data import TrainingData
 
 Variables = dict[str, Any]
-"""Model parameters ("estimator", "renderer", "dynamics") and what only training needs ("trajectories", "rod_scale")."""
+"""Model parameters ("estimator", "renderer", "dynamics") and what only training needs ("trajectories", "rod_scale",
+"lean")."""
 Batch = dict[str, Any]
 Context = dict[str, Any]
 

@@ -10,7 +10,7 @@ from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_model.config import ModelConfig, NetworkConfig
 from keycld_model.modules import Parts
 from keycld_model.training.identification import identify
-from keycld_model.training.keypoint_tables import slide_along_rods
+from keycld_model.training.places import to_keypoints
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -45,7 +45,8 @@ def truth(mechanism, masses):
         "kernel": jnp.asarray(kernel.reshape(4, 4 * 2), jnp.float32),
         "bias": jnp.asarray(bias.ravel(), jnp.float32),
     }
-    return parts, {**variables, "rod_scale": jnp.asarray([0.0, np.log(SCALE)], jnp.float32)}
+    there = {"rod_scale": jnp.asarray([0.0, np.log(SCALE)], jnp.float32), "lean": jnp.zeros(2)}
+    return parts, {**variables, **there}
 
 
 def motion(parts, variables, noise):
@@ -59,7 +60,7 @@ def motion(parts, variables, noise):
     v = jnp.asarray(rng.normal(size=(N, 4)), jnp.float32)
     x, v = jax.vmap(model.project)(x, v)
     positions = jax.vmap(lambda x, v, u: model.rollout(x, v, u, TIMESTEP)[0])(x, v, u)
-    seen = slide_along_rods(parts.config.mechanism, -variables["rod_scale"], positions)
+    seen = to_keypoints(parts.config.mechanism, variables, positions)
     return np.asarray(seen + noise * rng.normal(size=seen.shape), np.float32), np.asarray(u), {"x": x, "v": v}
 
 
@@ -84,7 +85,7 @@ def test_masses_and_their_places_are_found(mechanism, masses, guess):
     positions = jax.vmap(lambda x, v, u: model.rollout(x, v, u, TIMESTEP)[0])(
         found["trajectories"]["x"], found["trajectories"]["v"], actions
     )
-    error = slide_along_rods(mechanism, -found["rod_scale"], positions) - seen
+    error = to_keypoints(mechanism, found, positions) - seen
     deviation = np.sort(np.sqrt(np.mean(error**2, axis=(1, 2))))
     assert deviation[-2] < 1.4 * NOISE  # one recording may get lost, from masses that wrong
 
@@ -105,6 +106,18 @@ def test_a_motor_that_does_not_act_on_a_keypoint_is_found_not_to():
     force = np.abs(np.concatenate([found["kernel"].reshape(4, 4, 2), found["bias"].reshape(1, 4, 2)])).max(axis=0)
     assert force[2:, 0].max() < 0.002 < 0.1 < force[:2, 0].max()
     assert force[:, 1].max() > 0.1
+
+
+def test_a_cart_whose_keypoint_leans_towards_its_pole():
+    """The lean looks like mass of the pole; the motors tell them apart."""
+    parts, right = truth(CART, (0.94, 0.06))
+    seen, actions, states = motion(parts, {**right, "lean": jnp.asarray([-0.006, 0.0])}, noise=0.0004)
+    start = {**right, "trajectories": states}
+    found = identify(parts, start, seen, actions, iterations=10, sparse=True)
+    assert found["lean"][0] == pytest.approx(-0.006, abs=0.001)
+    np.testing.assert_allclose(parts.lagrangian(found).masses, (0.94, 0.06), atol=0.001)
+    upright = identify(parts, start, seen, actions, iterations=10)
+    assert upright["lean"][0] == 0
 
 
 def test_sequences_that_diverge_do_no_harm_and_masses_can_be_held_in_place():

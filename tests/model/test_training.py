@@ -15,6 +15,7 @@ import pytest
 from swinging import CONFIG, MECHANISM, NETWORKS, SIZE, TIMESTEP, dataset, random_parameters, recordings
 
 from keycld_envs.errors import InputError
+from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_envs.recordings import read_dataset, write_recording
 from keycld_model import WorldModel
 from keycld_model.checkpoint import flatten, read_checkpoint
@@ -26,7 +27,8 @@ from keycld_model.training.discover import Discover
 from keycld_model.training.distil import Distil
 from keycld_model.training.fit import FitTrajectories, FitWindows
 from keycld_model.training.joint import Joint
-from keycld_model.training.keypoint_tables import end_rods, keypoint_table, local_polynomials, slide_along_rods
+from keycld_model.training.keypoint_tables import keypoint_table, local_polynomials
+from keycld_model.training.places import end_rods, lean_along_rails, rails, slide_along_rods, to_keypoints, to_masses
 
 TINY = Preset(
     NETWORKS,
@@ -325,6 +327,19 @@ def test_keypoints_slide_along_end_rods_only():
     moved = slide_along_rods(acrobot, scale, x)
     np.testing.assert_allclose(moved, [[0.1, 0.2, 0.9, 0.8]], rtol=1e-5)
     np.testing.assert_allclose(slide_along_rods(acrobot, -scale, moved), x, rtol=1e-5)
+
+
+def test_keypoints_lean_along_rails_with_all_that_hangs_on_them():
+    cart = Mechanism(3, 1, rods=(Rod(1, 0), Rod(0, 2)), sliders=(Slider(1, (0.6, 0.8)),))
+    assert rails(cart) == [(1, 0)] and rails(MECHANISM) == []
+    x = np.array([0.5, 0.1, 0.2, 0.0, 0.9, 0.3], np.float32)
+    along = np.array([0.8, -0.6])
+    moved = lean_along_rails(cart, jnp.array([9.0, 0.1, 9.0]), jnp.asarray(x)).reshape(3, 2)
+    np.testing.assert_allclose(
+        moved - x.reshape(3, 2), np.tile(0.1 * (0.3 * 0.8 - 0.1 * 0.6) * along, (3, 1)), atol=1e-6
+    )
+    places = {"rod_scale": jnp.array([0.0, 0.0, 0.3]), "lean": jnp.array([0.0, 0.1, 0.0])}
+    np.testing.assert_allclose(to_keypoints(cart, places, to_masses(cart, places, jnp.asarray(x))), x, atol=1e-6)
 
 
 def test_recordings_on_the_disk(tmp_path):

@@ -1,0 +1,99 @@
+"""Where masses are, beside where keypoints are seen: what pictures leave open and motion tells."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array
+
+from keycld_envs.mechanism import Mechanism
+
+
+def to_masses(mechanism: Mechanism, variables: Mapping[str, Any], x: Array) -> Array:
+    """Positions of the masses `[..., n]` for keypoints seen at x; linear, so that it serves velocities, too.
+
+    Args:
+        mechanism: the declaration.
+        variables: "rod_scale" and "lean", `[K]` each, see `slide_along_rods` and `lean_along_rails`.
+        x: `[..., n]`.
+    """
+    return slide_along_rods(mechanism, variables["rod_scale"], lean_along_rails(mechanism, -variables["lean"], x))
+
+
+def to_keypoints(mechanism: Mechanism, variables: Mapping[str, Any], x: Array) -> Array:
+    """Where keypoints are seen `[..., n]` for masses at x; the inverse of `to_masses`."""
+    return lean_along_rails(mechanism, variables["lean"], slide_along_rods(mechanism, -variables["rod_scale"], x))
+
+
+def end_rods(mechanism: Mechanism) -> list[tuple[int, int]]:
+    """Rods (start, end) between keypoints at whose end nothing else is attached."""
+    attached = [r.start for r in mechanism.rods] + [s.keypoint for s in mechanism.sliders]
+    ends = [r.end for r in mechanism.rods]
+    return [
+        (r.start, r.end)
+        for r in mechanism.rods
+        if r.start is not None and r.end not in attached and ends.count(r.end) == 1
+    ]
+
+
+def slide_along_rods(mechanism: Mechanism, log_scale: Array, x: Array) -> Array:
+    """Move the free end of each end rod along it, by a factor on the rod's length.
+
+    A single point mass stands for a whole link only at one distance from the joint (paper, appendix A.3), and pictures
+    do not show where that is. This finds it without touching the images.
+
+    Args:
+        mechanism: the declaration.
+        log_scale: `[K]` logarithms of the factors; used for ends of end rods only.
+        x: `[..., n]` positions.
+
+    Returns:
+        `[..., n]`.
+    """
+    points = [x[..., 2 * k : 2 * k + 2] for k in range(mechanism.num_keypoints)]
+    for start, end in end_rods(mechanism):
+        points[end] = points[start] + jnp.exp(log_scale[end]) * (points[end] - points[start])
+    return jnp.concatenate(points, axis=-1)
+
+
+def rails(mechanism: Mechanism) -> list[tuple[int, int]]:
+    """Keypoints on sliders at which rods start, each with the end of the first of these rods."""
+    on = {slider.keypoint for slider in mechanism.sliders}
+    first = {rod.start: rod.end for rod in reversed(mechanism.rods) if rod.start in on}
+    return [(start, end) for start, end in sorted(first.items()) if start is not None]
+
+
+def lean_along_rails(mechanism: Mechanism, lean: Array, x: Array) -> Array:
+    """Move what a slider carries along its rail, by a fraction of how far its rod reaches along it.
+
+    A rod in front of a cart draws the cart's keypoint to its side, and the other keypoints follow, for rods are rigid;
+    no constraint and no picture objects. In the equations of motion the lean looks like a mass at the rod's end: one
+    percent of the rod is fifteen percent of the mass of dm_control's pole.
+
+    Args:
+        mechanism: the declaration.
+        lean: `[K]` fractions; used for keypoints on sliders at which rods start.
+        x: `[..., n]` positions.
+
+    Returns:
+        `[..., n]`.
+    """
+    points = x.reshape(*x.shape[:-1], -1, 2)
+    for slider in mechanism.sliders:
+        for start, end in rails(mechanism):
+            if start != slider.keypoint:
+                continue
+            along = jnp.asarray([slider.normal[1], -slider.normal[0]]) / jnp.hypot(*slider.normal)
+            reach = (points[..., end, :] - points[..., start, :]) @ along
+            moved = jnp.asarray([float(k in _carried(mechanism, start)) for k in range(mechanism.num_keypoints)])
+            points = points + moved[:, None] * (lean[start] * reach)[..., None, None] * along
+    return points.reshape(x.shape)
+
+
+def _carried(mechanism: Mechanism, keypoint: int) -> set[int]:
+    """A keypoint and all that hangs on it."""
+    carried, reached = {keypoint}, set[int]()
+    while carried != reached:
+        reached = set(carried)
+        carried |= {rod.end for rod in mechanism.rods if rod.start in carried}
+    return carried
