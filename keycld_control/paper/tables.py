@@ -41,8 +41,8 @@ class Table:
 def tables(results: Sequence[Result]) -> list[Table]:
     """All that these results can fill."""
     made = (
-        vpt(results), amounts(results), actions(results), long(results), chaos(results), recall(results),
-        potential(results), states(results), integrators(results), swing_ups(results), sooner(results),
+        vpt(results), starts(results), amounts(results), actions(results), long(results), chaos(results),
+        recall(results), potential(results), states(results), integrators(results), swing_ups(results), sooner(results),
     )  # fmt: skip
     return [table for table in made if table.rows]
 
@@ -76,6 +76,22 @@ def vpt(results: Sequence[Result]) -> Table:
             "frame index",
             "seeds",
         ),
+        tuple(rows),
+    )
+
+
+def starts(results: Sequence[Result]) -> Table:
+    """What finding a state is worth."""
+    rows = []
+    for system, found in with_measure(results, "starts"):
+        ways = ("pixels", "keypoints", "difference", "one_step")
+        rows.append((system, *(interval([r["starts"][way] for r in found]) for way in ways)))
+    return Table(
+        "How predictions start",
+        "VPT with less and less of what this library adds: a trajectory fitted to keypoints and pixels of five frames; "
+        "to their keypoints; position and velocity from two frames, as in the paper; and one step of the integrator "
+        "per frame.",
+        ("system", "five frames, pixels", "five frames, keypoints", "two frames, difference", "and one step per frame"),
         tuple(rows),
     )
 

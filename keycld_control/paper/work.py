@@ -16,6 +16,7 @@ from keycld_control.paper.measures.masses import learned_masses
 from keycld_control.paper.measures.memory import memory
 from keycld_control.paper.measures.potential import potential
 from keycld_control.paper.measures.speed import reference_step, speed
+from keycld_control.paper.measures.starts import starts
 from keycld_control.paper.plan import PAPER_VPT, WHOLE, Training
 from keycld_control.paper.recordings import PARTS, VARIED, recordings
 from keycld_control.paper.strips import write_strip, write_swing_up
@@ -102,6 +103,7 @@ def of_default(
         "integrators": drift(model, test),
         "long": long,
         "lyapunov": lyapunov(system, beginning(far, frames), long["lengths"][f"{frames} frames"]["angle_valid"]),
+        "starts": starts(model, test),
         "memory": memory(model, load("training").split()[0], test, errors),
     }
 
