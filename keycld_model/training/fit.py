@@ -109,9 +109,10 @@ class FitTrajectories(_Fit):
         portion: fraction of each sequence to follow, from its first frame; grows from stage to stage.
         restart: estimate the initial states anew from the first frames.
         slide: let keypoints move along their rods.
-        sparse: the Gauss-Newton steps let motors act on few keypoints, and keypoints lean along their rails.
+        sparse: the Gauss-Newton steps let motors act on few keypoints.
+        acting: then they leave out where motors do not act, and keypoints may lean along their rails; see `identify`.
         identify: at most this many Gauss-Newton steps on masses, slide and linear terms, if there are any, before the
-            optimiser's; as many again if `sparse`.
+            optimiser's; as many again if `acting`.
     """
 
     steps: int = 0
@@ -122,6 +123,7 @@ class FitTrajectories(_Fit):
     restart: bool = False
     slide: bool = True
     sparse: bool = False
+    acting: bool = False
     identify: int = 0
 
     def frames(self, data: TrainingData) -> int:
@@ -144,7 +146,9 @@ class FitTrajectories(_Fit):
             return variables
         frames = self.frames(data)
         actions = data.actions[:, : frames - 1]
-        return identify(parts, variables, measured[:, :frames], actions, self.identify, self.slide, self.sparse)
+        return identify(
+            parts, variables, measured[:, :frames], actions, self.identify, self.slide, self.sparse, self.acting
+        )
 
     def prepare(self, parts: Parts, variables: Variables, data: TrainingData) -> Context:
         """Keypoints of all frames."""

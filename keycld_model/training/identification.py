@@ -46,6 +46,7 @@ def identify(
     iterations: int,
     slide: bool = True,
     sparse: bool = False,
+    acting: bool = False,
 ) -> Variables:
     """Fit masses, their places, levels, linear terms of V and g, and all initial states, to keypoints at once.
 
@@ -56,32 +57,35 @@ def identify(
     costs as many parameters as describe it by the Bayesian information criterion; otherwise a force of the cart's motor
     on the pole looks like the inertia of the pole, and the place of the pole's mass is free. The count is made smooth
     as in Frommlet and Nuel, An Adaptive Ridge Procedure for L0 Regularization (2016), for groups. What
-    a parameter must gain follows from the median deviation at each step. Then what acts is fitted without that price,
-    which also weighs on what is there, and together with how far keypoints lean along their rails: a lean is
-    told from the mass of a pole only by where motors do not act. If that explains keypoints worse than the price was
-    worth, what was fitted with it stays.
+    a parameter must gain follows from the median deviation at each step.
+
+    If `acting`, what acts is then fitted without that price, which also weighs on what is there, and together with how
+    far keypoints lean along their rails: a lean is told from the mass of a pole only by where motors do not act. If
+    that explains keypoints worse than the price was worth, what was fitted with it stays. Keypoints must be good for
+    this: where a motor is left out by mistake, the lean is wrong.
 
     Args:
         parts: the networks; V and g must have linear terms.
         variables: "dynamics", "rod_scale", "lean" and "trajectories" to start from.
         keypoints: `[N, T, n]` as measured (before `to_masses`).
         actions: `[N, T-1, m]`.
-        iterations: at most this many steps; if sparse, as many again without the price.
+        iterations: at most this many steps; if acting, as many again without the price.
         slide: also fit where masses are.
         sparse: let motors act on few keypoints.
+        acting: leave out where motors do not act, and let keypoints lean.
 
     Returns:
         Variables with these four replaced.
     """
-    problem = _Problem(parts, variables, keypoints, actions, slide, at_masses=sparse)
+    problem = _Problem(parts, variables, keypoints, actions, slide, at_masses=acting)
     fit = _Fit(problem.start, variables["trajectories"]["x"], variables["trajectories"]["v"])
     lean = problem.where("lean")
     fit, cost = _minimise(problem, fit, iterations, problem.price if sparse else np.zeros_like, ~lean)
-    if sparse:
+    if acting:
         absent = problem.absent(fit.theta)
-        acting = fit._replace(theta=np.where(absent, 0, fit.theta))
-        acting, without = _minimise(problem, acting, iterations, lambda _: lean / LEAN**2, ~absent)
-        fit = acting if without <= cost else fit
+        fewer = fit._replace(theta=np.where(absent, 0, fit.theta))
+        fewer, without = _minimise(problem, fewer, iterations, lambda _: lean / LEAN**2, ~absent)
+        fit = fewer if without <= cost else fit
     return {**problem.variables(jnp.asarray(fit.theta, jnp.float32)), "trajectories": {"x": fit.x, "v": fit.v}}
 
 

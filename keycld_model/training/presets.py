@@ -43,9 +43,9 @@ DEFAULT = Preset(
         FitTrajectories(portion=0.5, identify=10, sparse=True),
         FitTrajectories(steps=200, identify=10, sparse=True),
         Distil(steps=1000, batch=8, learning_rate=4e-3),
-        FitTrajectories(identify=10, sparse=True),
+        FitTrajectories(identify=10, sparse=True, acting=True),
         Distil(steps=3500, batch=8, learning_rate=4e-3),
-        FitTrajectories(steps=200, learning_rate=5e-4, slide=False, identify=10, sparse=True),
+        FitTrajectories(steps=200, learning_rate=5e-4, slide=False, identify=10, sparse=True, acting=True),
     ),
 )
 

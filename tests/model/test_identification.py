@@ -113,7 +113,7 @@ def test_a_cart_whose_keypoint_leans_towards_its_pole():
     parts, right = truth(CART, (0.94, 0.06))
     seen, actions, states = motion(parts, {**right, "lean": jnp.asarray([-0.006, 0.0])}, noise=0.0004)
     start = {**right, "trajectories": states}
-    found = identify(parts, start, seen, actions, iterations=10, sparse=True)
+    found = identify(parts, start, seen, actions, iterations=10, sparse=True, acting=True)
     assert found["lean"][0] == pytest.approx(-0.006, abs=0.001)
     np.testing.assert_allclose(parts.lagrangian(found).masses, (0.94, 0.06), atol=0.001)
     upright = identify(parts, start, seen, actions, iterations=10)

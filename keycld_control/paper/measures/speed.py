@@ -26,7 +26,7 @@ def speed(log: Path, wanted: float, step: float) -> dict[str, Any]:
 
     Args:
         log: folder of the training's log.
-        wanted: the paper's VPT.
+        wanted: the paper's VPT, which it gives with two decimals.
         step: `reference_step`.
 
     Returns:
@@ -34,7 +34,7 @@ def speed(log: Path, wanted: float, step: float) -> dict[str, Any]:
         s, of all its steps; "times", the ratio.
     """
     entries = [json.loads(line) for line in (log / NAME).read_text(encoding="utf-8").splitlines()]
-    reached = [e["seconds"] for e in entries if (e.get("validation_vpt") or 0.0) >= wanted]
+    reached = [e["seconds"] for e in entries if round(e.get("validation_vpt") or 0.0, 2) >= wanted]
     whole = step * PRESETS["paper"].steps
     seconds = reached[0] if reached else None
     return {
