@@ -1,6 +1,7 @@
 """The self-contained page, and the Markdown file."""
 
 import base64
+import re
 from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
@@ -12,6 +13,7 @@ from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from keycld_control.benchmarks.weights import SYSTEMS
+from keycld_control.paper.aims import aims
 from keycld_control.paper.plan import ABLATIONS, AMOUNTS, OPTIMISERS, TITLES, WHOLE
 from keycld_control.paper.tables import Result, Table, chosen, tables, with_measure
 from keycld_envs.files import atomic_file
@@ -36,7 +38,7 @@ $body
 
 def write_report(out: Path, results: Sequence[Result]) -> None:
     """Write report.html and report.md from what has been measured so far."""
-    made = tables(results)
+    made = [table for table in (aims(results), *tables(results)) if table.rows]
     number = f"{len(results)} model{'s' if len(results) != 1 else ''}"
     about = f"{number} measured: {_number(results)}. Written by <code>keycld paper</code>."
     body = [_table(table) for table in made]
@@ -79,7 +81,8 @@ def _curves(results: Sequence[Result]) -> go.Figure:
             named.add(preset)
             figure.add_scatter(x=frames, y=curve["mean"], name=TITLES[preset], showlegend=first, **group, row=1, col=c)
             figure.add_hline(y=curve["epsilon"], line={"dash": "dot", "color": "#999"}, row=1, col=c)  # pyright: ignore
-    figure.update_yaxes(type="log", exponentformat="power", col=1, title="mean squared error")
+    figure.update_yaxes(type="log", exponentformat="power")
+    figure.update_yaxes(title="mean squared error", col=1)
     figure.update_xaxes(title="frame")
     return figure.update_layout(template="plotly_white", height=420, margin={"t": 50})
 
@@ -169,10 +172,11 @@ def _figure(title: str, figure: go.Figure) -> str:
 
 def _table(table: Table) -> str:
     head = "".join(f"<th>{escape(c)}</th>" for c in table.columns)
+    note = re.sub("`(.*?)`", r"<code>\1</code>", escape(table.note))
     rows = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in table.rows)
     return (
         f'<h2>{escape(table.title)}</h2><div class="wide"><table><tr>{head}</tr>{rows}</table></div>'
-        f'<p class="note">{escape(table.note)}</p>'
+        f'<p class="note">{note}</p>'
     )
 
 

@@ -9,6 +9,7 @@ from plotly.offline import get_plotlyjs
 
 from keycld_control.cli import main
 from keycld_control.paper import work as working
+from keycld_control.paper.aims import aims
 from keycld_control.paper.measures.long import _energy_changes, horizon, natural_frames
 from keycld_control.paper.measures.lyapunov import exponent
 from keycld_control.paper.measures.masses import equivalent_masses, learned_masses
@@ -18,7 +19,7 @@ from keycld_control.paper.measures.speed import speed
 from keycld_control.paper.page import write_report
 from keycld_control.paper.plan import AMOUNTS, Training, trainings
 from keycld_control.paper.recordings import PARTS
-from keycld_control.paper.tables import interval, tables
+from keycld_control.paper.tables import Table, interval, tables
 from keycld_control.paper.work import Work, results, work_off
 from keycld_control.plain_json import write_json
 from keycld_envs import get_system
@@ -160,6 +161,17 @@ def test_tables_tell_the_paper_and_the_mean_over_seeds(report):
     assert rows[1][:5] == ("KeyCLD-NC", "pendulum", "0.20", "0.200", "0.400") and rows[1][-1] == "1, 1 failed"
     assert made["Training sequences"].rows == (("50", "0.700", "–", "–"), ("450", "0.950 ± 0.124", "–", "–"))
     assert interval([0.5]) == "0.500"
+
+
+def test_aims_stand_beside_what_was_reached(report):
+    rows = {row[0]: row[1:] for row in aims(results(report)).rows}
+    assert rows["VPT from 5 frames"] == ("0.98", "0.950 ± 0.124", "–", "–")
+    assert rows["VPT of 50 sequences, from 2 frames"] == ("the paper's of 450", "0.350 (0.38)", "–", "–")
+    assert rows["R² of V, worst sweep and seed"][1] == "0.9900"
+
+
+def test_cells_hold_no_bars_that_end_them():
+    assert "| a\\|b |" in Table("", "", ("a|b",), (("c",),)).markdown()
 
 
 def test_the_page_needs_nothing_else(report, capsys):

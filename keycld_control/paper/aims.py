@@ -1,0 +1,73 @@
+"""What was to be reached beside what was, in one table."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from keycld_control.benchmarks.weights import SYSTEMS
+from keycld_control.paper.plan import PAPER_VPT, WHOLE
+from keycld_control.paper.tables import Result, Table, chosen, interval
+
+FEW = 50
+"""Sequences that must suffice."""
+Cell = Callable[[str, list[Result]], str]
+
+
+def aims(results: Sequence[Result]) -> Table:
+    """All aims for the default model."""
+
+    def row(name: str, wanted: str, cell: Cell, measure: str, amount: int = WHOLE) -> tuple[str, ...]:
+        seeds = {s: [r for r in chosen(results, s, "default", amount) if measure in r] for s in SYSTEMS}
+        return (name, wanted, *(cell(system, found) if found else "–" for system, found in seeds.items()))
+
+    rows = (
+        row("VPT from 5 frames", "0.98", _vpt, "table"),
+        row("angle VPT over 500 frames, from 5 frames", "0.9", _angles, "long"),
+        row("angle VPT over 500 frames, from 20 frames", "0.9", _informed, "long"),
+        row("R² of V, worst sweep and seed", "0.99", _sweeps, "potential"),
+        row("m1/m2 off the exact ratio, worst seed", "10 %", _masses, "masses"),
+        row(f"VPT of {FEW} sequences, from 2 frames", "the paper's of 450", _few, "table", FEW),
+        row("sooner than the paper's training, worst seed", "50 times", _times, "speed"),
+        row("change of energy in 1,000 steps, projected, worst", "1 %", _energy, "integrators"),
+    )
+    return Table(
+        "In short",
+        "Angles of pendulum and cartpole must reach 0.9; the acrobot's stand beside its Lyapunov time below. Energy is "
+        "the learned one, without actions, relative to the range of V along the way.",
+        ("measure", "must reach", *SYSTEMS),
+        tuple(r for r in rows if any(cell != "–" for cell in r[2:])),
+    )
+
+
+def _vpt(_: str, seeds: list[Result]) -> str:
+    return interval([r["table"]["vpt_from_5"] for r in seeds])
+
+
+def _angles(_: str, seeds: list[Result]) -> str:
+    return interval([r["long"]["lengths"]["500 frames"]["angle_vpt"] for r in seeds])
+
+
+def _informed(_: str, seeds: list[Result]) -> str:
+    return interval([float(np.mean(r["long"]["informed"])) for r in seeds])
+
+
+def _sweeps(_: str, seeds: list[Result]) -> str:
+    return f"{min(s['r2'] for r in seeds for s in r['potential'] if s['r2'] is not None):.4f}"
+
+
+def _masses(_: str, seeds: list[Result]) -> str:
+    errors = [r["masses"]["error"] for r in seeds if r["masses"]["error"] is not None]
+    return f"{100 * max(errors):.1f} %" if errors else "one mass"
+
+
+def _few(system: str, seeds: list[Result]) -> str:
+    return f"{interval([r['table']['vpt_from_2'] for r in seeds])} ({PAPER_VPT['default'][system]:.2f})"
+
+
+def _times(_: str, seeds: list[Result]) -> str:
+    reached = [r["speed"]["times"] for r in seeds if r["speed"]["times"] is not None]
+    return f"{min(reached):.0f}" if len(reached) == len(seeds) else f"reached by {len(reached)} of {len(seeds)}"
+
+
+def _energy(_: str, seeds: list[Result]) -> str:
+    return f"{100 * max(c for r in seeds for c in r['integrators']['projected']['change']):.3f} %"
