@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from keycld_control.paper.measures.angles import angle_table
+from keycld_control.paper.measures.ceiling import ceiling
 from keycld_control.paper.measures.energy import drift
 from keycld_control.paper.measures.frames import beginning, curve, table_row
 from keycld_control.paper.measures.long import FRAMES, beyond
@@ -103,6 +104,7 @@ def of_default(
         "integrators": drift(model, test),
         "long": long,
         "lyapunov": lyapunov(system, beginning(far, frames), long["lengths"][f"{frames} frames"]["angle_valid"]),
+        "ceiling": ceiling(system, beginning(far, frames)),
         "starts": starts(model, test),
         "memory": memory(model, load("training").split()[0], test, errors),
     }

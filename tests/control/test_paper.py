@@ -2,6 +2,7 @@
 
 import json
 
+import mujoco
 import numpy as np
 import pytest
 from oracle import body_of, point_masses
@@ -10,6 +11,7 @@ from plotly.offline import get_plotlyjs
 from keycld_control.cli import main
 from keycld_control.paper import work as working
 from keycld_control.paper.aims import aims
+from keycld_control.paper.measures.ceiling import ceiling
 from keycld_control.paper.measures.long import _energy_changes, horizon, natural_frames
 from keycld_control.paper.measures.lyapunov import exponent
 from keycld_control.paper.measures.masses import equivalent_masses, learned_masses
@@ -93,6 +95,24 @@ def test_forgetting_is_as_fast_as_known():
     natural = np.sqrt(9.81 / 0.5)
     assert exponent("pendulum", np.array([0.0]), still[:50]) == pytest.approx(natural, rel=0.15)
     assert 1 < exponent("acrobot", np.array([0.5, 0.5]), np.zeros((1000, 2))) < 6
+
+
+def test_the_mechanism_agrees_with_itself_until_steps_are_too_coarse():
+    what = get_system("cartpole")
+    plant = what.compile()
+    data, actions = mujoco.MjData(plant), np.repeat([[[0.0, 0.0]], [[0.0, 3.0]]], 199, axis=1)
+    paths = np.zeros((2, 200, 2))
+    for path, torques in zip(paths, actions, strict=True):
+        mujoco.mj_resetData(plant, data)
+        data.qpos[:] = path[0] = (0.0, 1.0)
+        for t, torque in enumerate(torques, 1):
+            data.ctrl[:] = torque
+            mujoco.mj_step(plant, data)
+            path[t] = data.qpos
+    truth = Sequences(np.zeros((2, 200, 1, 1, 3), np.uint8), actions, paths, what.timestep)
+    assert ceiling("cartpole", truth, finer=1) == [1.0, 1.0]
+    free, driven = ceiling("cartpole", truth)
+    assert free == 1.0 and 0.5 < driven < 1.0
 
 
 def test_distances_between_recordings_know_what_a_turn_is():
