@@ -1,7 +1,7 @@
 """For how long the true mechanism agrees with its own recordings.
 
-They come from a simulator whose steps are coarse for fast rods. A pole at a hundred radians per second turns by one in a
-step, and what the simulator then loses adds up to the deviation that counts as wrong, however well the physics is known.
+They come from a simulator whose steps are coarse for fast rods. A pole at a hundred radians per second turns by one in
+a step, and what the simulator then loses adds up to the deviation that counts as wrong, however well physics is known.
 """
 
 import mujoco
@@ -19,8 +19,8 @@ FINER = 10
 def ceiling(system: str, truth: Sequences, finer: int = FINER) -> list[float]:
     """Valid fractions of the angles of the true plant, from the first pose, at rest, in steps that are `finer`.
 
-    A model that fits its start to several frames may do better: where the simulator takes semi-implicit Euler steps, they
-    run ahead by half a step's acceleration, which under a constant action looks like a velocity at the start.
+    A model that fits its start to several frames may do better: where the simulator takes semi-implicit Euler steps,
+    these run ahead by half a step's acceleration, which under a constant action looks like a velocity at the start.
     """
     assert truth.qpos is not None
     what = get_system(system)
