@@ -214,8 +214,8 @@ def sooner(results: Sequence[Result]) -> Table:
         rows.append((system, f"{speeds[0]['wanted']:.2f}", ours, step, times, f"{len(reached)} of {len(found)}"))
     return Table(
         "Time to the paper's VPT",
-        "Seconds of training until a stage ended with the paper's VPT or more, on validation data; a training step of "
-        "the paper's size in the same process; 45,000 of them against ours.",
+        "Seconds of training until a stage ended with the paper's VPT, to its two decimals, or more, on validation "
+        "data, from five frames; a training step of the paper's size in the same process; 45,000 of them against ours.",
         ("system", "paper's VPT", "ours, s", "step of the paper's size, s", "times sooner", "seeds that reached it"),
         tuple(rows),
     )

@@ -87,7 +87,7 @@ def one(work: Work, training: Training) -> None:
         result["swing_up"] = write_swing_up(work.out / "strips" / f"{training.name}-swing-up.png", model)
         if seconds is not None and (log := work.out / "models" / training.name).is_dir():
             wanted, step = PAPER_VPT["default"][training.system], reference_step(training.system, load("training"))
-            result["speed"] = speed(log, wanted, step)
+            result["speed"] = speed(log, model.meta or {}, wanted, step)
     write_json(work.result(training), result)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,20 +22,21 @@ STEPS = 5
 """That are timed, after one that compiles; the median counts."""
 
 
-def speed(log: Path, wanted: float, step: float) -> dict[str, Any]:
+def speed(log: Path, end: Mapping[str, Any], wanted: float, step: float) -> dict[str, Any]:
     """Seconds until validation VPT reached that of the paper, beside seconds of the paper's 45,000 steps.
 
     Args:
-        log: folder of the training's log.
+        log: folder of the training's log, whose scores come from states fitted to keypoints alone.
+        end: "seconds" and "validation_vpt" of the finished model, whose states are fitted to pixels, too.
         wanted: the paper's VPT, which it gives with two decimals.
         step: `reference_step`.
 
     Returns:
-        "seconds" at the end of the first stage that reached it, None if none did; "reference_step", s; "reference",
-        s, of all its steps; "times", the ratio.
+        "seconds" at the end of the first stage that reached it, or of the training, None if none did;
+        "reference_step", s; "reference", s, of all its steps; "times", the ratio.
     """
     entries = [json.loads(line) for line in (log / NAME).read_text(encoding="utf-8").splitlines()]
-    reached = [e["seconds"] for e in entries if round(e.get("validation_vpt") or 0.0, 2) >= wanted]
+    reached = [e["seconds"] for e in (*entries, end) if round(e.get("validation_vpt") or 0.0, 2) >= wanted]
     whole = step * PRESETS["paper"].steps
     seconds = reached[0] if reached else None
     return {
