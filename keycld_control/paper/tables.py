@@ -141,7 +141,7 @@ def long(results: Sequence[Result]) -> Table:
             parts = [r["long"]["lengths"][title] for r in found]
             cells = (interval([p[name] for p in parts]) for name in ("vpt", "angle_vpt"))
             informed = "–" if i else interval([float(np.mean(r["long"]["informed"])) for r in found])
-            itself = "–" if i or "ceiling" not in found[0] else f"{np.mean(found[0]['ceiling']):.3f}"
+            itself = "–" if i else f"{np.mean(found[0]['ceiling']):.3f}"
             rows.append((system, title, str(parts[0]["frames"]), *cells, informed, itself))
     return Table(
         "Beyond fifty frames",
@@ -214,7 +214,7 @@ def sooner(results: Sequence[Result]) -> Table:
         rows.append((system, f"{speeds[0]['wanted']:.2f}", ours, step, times, f"{len(reached)} of {len(found)}"))
     return Table(
         "Time to the paper's VPT",
-        "Seconds of training until a stage ended with the paper's VPT, to its two decimals, or more, on validation "
+        "Seconds of training until a stage ended with the paper's VPT or more, on validation "
         "data, from five frames; a training step of the paper's size in the same process; 45,000 of them against ours.",
         ("system", "paper's VPT", "ours, s", "step of the paper's size, s", "times sooner", "seeds that reached it"),
         tuple(rows),

@@ -32,7 +32,7 @@ from keycld_model.config import ModelConfig
 from keycld_model.training import PRESETS, TrainingError, train
 from keycld_model.world_model import shipped_models
 
-SCHEMA = "keycld.paper/2"
+SCHEMA = "keycld.paper/3"
 
 
 @dataclass(frozen=True)

@@ -79,14 +79,14 @@ def lean_along_rails(mechanism: Mechanism, lean: Array, x: Array) -> Array:
         `[..., n]`.
     """
     points = x.reshape(*x.shape[:-1], -1, 2)
+    ends = dict(rails(mechanism))
     for slider in mechanism.sliders:
-        for start, end in rails(mechanism):
-            if start != slider.keypoint:
-                continue
-            along = jnp.asarray([slider.normal[1], -slider.normal[0]]) / jnp.hypot(*slider.normal)
-            reach = (points[..., end, :] - points[..., start, :]) @ along
-            moved = jnp.asarray([float(k in _carried(mechanism, start)) for k in range(mechanism.num_keypoints)])
-            points = points + moved[:, None] * (lean[start] * reach)[..., None, None] * along
+        if (end := ends.get(start := slider.keypoint)) is None:
+            continue
+        along = jnp.asarray([slider.normal[1], -slider.normal[0]]) / jnp.hypot(*slider.normal)
+        reach = (points[..., end, :] - points[..., start, :]) @ along
+        moved = jnp.asarray([float(k in _carried(mechanism, start)) for k in range(mechanism.num_keypoints)])
+        points = points + moved[:, None] * (lean[start] * reach)[..., None, None] * along
     return points.reshape(x.shape)
 
 

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from keycld_control.paper.measures.angles import WRONG
+from keycld_control.paper.measures.plant import simulator
 from keycld_envs import get_system
 from keycld_envs.recordings.dataset import Sequences
 from keycld_model.evaluation import valid_frames
@@ -23,12 +24,8 @@ def ceiling(system: str, truth: Sequences, finer: int = FINER) -> list[float]:
     these run ahead by half a step's acceleration, which under a constant action looks like a velocity at the start.
     """
     assert truth.qpos is not None
-    what = get_system(system)
-    plant = what.compile()
-    plant.actuator_ctrllimited[:] = 0
-    substeps = finer * round(what.timestep / plant.opt.timestep)
-    plant.opt.timestep /= finer
-    hinges = [joint.kind == "hinge" for joint in what.joints]
+    plant, substeps = simulator(system, finer)
+    hinges = [joint.kind == "hinge" for joint in get_system(system).joints]
     data, errors = mujoco.MjData(plant), np.zeros((len(truth.qpos), truth.qpos.shape[1]))
     for n, (qpos, actions) in enumerate(zip(truth.qpos, truth.actions, strict=True)):
         mujoco.mj_resetData(plant, data)

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_control.paper.measures.plant import simulator
 from keycld_envs import get_system
 from keycld_envs.recordings.dataset import Sequences
 
@@ -41,10 +42,7 @@ def lyapunov(system: str, truth: Sequences, valid: Sequence[float]) -> dict[str,
 
 def exponent(system: str, qpos: NDArray[np.floating], actions: NDArray[np.floating]) -> float:
     """Mean growth rate, 1/s, of a small offset of a state at rest under actions `[T-1, m]`."""
-    what = get_system(system)
-    plant = what.compile()
-    plant.actuator_ctrllimited[:] = 0
-    substeps = round(what.timestep / plant.opt.timestep)
+    plant, substeps = simulator(system)
     one, twin = mujoco.MjData(plant), mujoco.MjData(plant)
     direction = np.random.default_rng(0).normal(size=2 * plant.nv)
     offset, growth = OFFSET * direction / np.linalg.norm(direction), 0.0
@@ -57,4 +55,4 @@ def exponent(system: str, qpos: NDArray[np.floating], actions: NDArray[np.floati
         apart = np.concatenate([twin.qpos - one.qpos, twin.qvel - one.qvel])
         growth += np.log(np.linalg.norm(apart) / OFFSET)
         offset = OFFSET * apart / np.linalg.norm(apart)
-    return float(growth / (len(actions) * what.timestep))
+    return float(growth / (len(actions) * get_system(system).timestep))

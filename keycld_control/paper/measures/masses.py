@@ -43,14 +43,20 @@ def _geometry(system: System, image_shape: tuple[int, int]) -> tuple[NDArray[np.
     model = system.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    points = []
-    for mark in system.landmarks:
-        body = data.body(mark.body)
-        points.append(body.xpos + body.xmat.reshape(3, 3) @ np.asarray(mark.mass_position))
+    points = _mass_points(system, data)
     rods = [(data.xanchor[0] if r.start is None else points[r.start], points[r.end]) for r in system.mechanism.rods]
     lengths = np.array([np.linalg.norm(end - start) for start, end in rods])
     start, end = world_to_image(model, data, rods[-1], system.camera, *reversed(image_shape))
     return lengths, float(np.linalg.norm(end - start) / lengths[-1])
+
+
+def _mass_points(system: System, data: mujoco.MjData) -> list[NDArray[np.float64]]:
+    """World positions, m, of the masses that stand for the bodies."""
+    bodies = [data.body(mark.body) for mark in system.landmarks]
+    return [
+        body.xpos + body.xmat.reshape(3, 3) @ np.asarray(mark.mass_position)
+        for body, mark in zip(bodies, system.landmarks, strict=True)
+    ]
 
 
 def equivalent_masses(system: System) -> list[float]:
@@ -66,10 +72,8 @@ def equivalent_masses(system: System) -> list[float]:
         inertia, jacobian = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
         mujoco.mj_fullM(model, data, inertia)
         own = []
-        for mark in system.landmarks:
-            body = model.body(mark.body).id
-            point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ np.asarray(mark.mass_position)
-            mujoco.mj_jac(model, data, jacobian, None, point, body)
+        for mark, point in zip(system.landmarks, _mass_points(system, data), strict=True):
+            mujoco.mj_jac(model, data, jacobian, None, point, model.body(mark.body).id)
             own.append((jacobian.T @ jacobian).ravel())
         rows.append(np.stack(own, axis=1))
         right.append(inertia.ravel())

@@ -4,6 +4,18 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs import get_system
+
+
+def simulator(system: str, finer: int = 1) -> tuple[mujoco.MjModel, int]:
+    """The plant as recordings are made, whatever the actions, in steps that are finer; and how many make a frame."""
+    what = get_system(system)
+    plant = what.compile()
+    plant.actuator_ctrllimited[:] = 0
+    steps = finer * round(what.timestep / plant.opt.timestep)
+    plant.opt.timestep /= finer
+    return plant, steps
+
 
 def energy(
     plant: mujoco.MjModel,

@@ -28,7 +28,7 @@ def speed(log: Path, end: Mapping[str, Any], wanted: float, step: float) -> dict
     Args:
         log: folder of the training's log, whose scores come from states fitted to keypoints alone.
         end: "seconds" and "validation_vpt" of the finished model, whose states are fitted to pixels, too.
-        wanted: the paper's VPT, which it gives with two decimals.
+        wanted: the paper's VPT.
         step: `reference_step`.
 
     Returns:
@@ -36,7 +36,7 @@ def speed(log: Path, end: Mapping[str, Any], wanted: float, step: float) -> dict
         "reference_step", s; "reference", s, of all its steps; "times", the ratio.
     """
     entries = [json.loads(line) for line in (log / NAME).read_text(encoding="utf-8").splitlines()]
-    reached = [e["seconds"] for e in (*entries, end) if round(e.get("validation_vpt") or 0.0, 2) >= wanted]
+    reached = [e["seconds"] for e in (*entries, end) if (e.get("validation_vpt") or 0.0) >= wanted]
     whole = step * PRESETS["paper"].steps
     seconds = reached[0] if reached else None
     return {
