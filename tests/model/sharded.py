@@ -23,16 +23,30 @@ PRESET = Preset(
 )
 
 
+def train_a_little(folder: Path, seed: int = 0) -> None:
+    """All stages, from random weights, which take no time to draw; no scores."""
+    setattr(Parts, "initial", lambda parts, seed: random_parameters(parts.config, seed))  # noqa: B010
+    setattr(loop._Run, "_score", lambda *_, **__: float("nan"))  # noqa: B010
+    loop.LOG_EVERY, loop.SAVE_EVERY, loop.COLLAPSED = 1, 0.0, 0.0
+    train(dataset(), CONFIG, folder, PRESET, seed)
+
+
+def train_one(folder: Path, seed: int) -> None:
+    """One training of a sweep; its notes tell each beginning, and from where."""
+    out = folder / str(seed)
+    with (folder / f"{seed}.txt").open("a") as notes:
+        notes.write("goes on\n" if (out / "state" / "checkpoint.json").is_file() else "begins\n")
+    jax.config.update("jax_disable_most_optimizations", True)
+    train_a_little(out, seed)
+
+
 def main(folder: str, *where: str) -> None:
     """Train, and say on what."""
     jax.config.update("jax_disable_most_optimizations", True)
     if where:
         jax.config.update("jax_cpu_collectives_implementation", "gloo")
         jax.distributed.initialize(where[0], num_processes=2, process_id=int(where[1]))
-    setattr(Parts, "initial", lambda parts, seed: random_parameters(parts.config, seed))  # noqa: B010
-    setattr(loop._Run, "_score", lambda *_, **__: float("nan"))  # noqa: B010
-    loop.LOG_EVERY, loop.COLLAPSED = 1, 0.0
-    train(dataset(), CONFIG, Path(folder), PRESET)
+    train_a_little(Path(folder))
     print(f"{jax.process_count()} processes, {jax.device_count()} devices")
 
 
