@@ -183,4 +183,8 @@ def _table(table: Table) -> str:
 def _number(results: Sequence[Result]) -> str:
     failed = sum("failure" in r for r in results)
     seeds = len({r["seed"] for r in results})
-    return f"{seeds} seed{'s' if seeds != 1 else ''}" + (f", {failed} trainings failed" if failed else "")
+    return _counted(seeds, "seed") + (f", {_counted(failed, 'training')} failed" if failed else "")
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' if number != 1 else ''}"

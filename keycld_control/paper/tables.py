@@ -66,7 +66,7 @@ def vpt(results: Sequence[Result]) -> Table:
         "Valid prediction time",
         "Fraction of 50 frames, mean over seeds with its 95 % interval (Student); the threshold is the error of the "
         "training data's mean frame. The frame index is that of the 2024 code, whose threshold comes from the data "
-        "that are scored, from two frames.",
+        "that are scored, from two frames. A training fails where a keypoint comes to stand still.",
         (
             "model",
             "system",
