@@ -190,6 +190,15 @@ def test_aims_stand_beside_what_was_reached(report):
     assert rows["R² of V, worst sweep and seed"][1] == "0.9900"
 
 
+def test_models_stand_in_the_order_that_was_found():
+    scores = {"default": 0.9, "nc": 0.3, "node2": 0.6}
+    found = [made_up("pendulum", preset, 0, vpt) for preset, vpt in scores.items()]
+    failed = {"system": "pendulum", "preset": "fc", "seed": 0, "sequences": 450, "failure": "x"}
+    wanted, *cells = next(row[1:] for row in aims([*found, failed]).rows if "models" in row[0])
+    assert wanted == "KeyCLD > KeyCLD-NC > NODE2 > FC"
+    assert cells == ["KeyCLD > NODE2 > KeyCLD-NC > FC", "–", "–"]
+
+
 def test_cells_hold_no_bars_that_end_them():
     assert "| a\\|b |" in Table("", "", ("a|b",), (("c",),)).markdown()
 
