@@ -1,6 +1,7 @@
 """The paper's report: what is planned, measures against known truths, tables and the page."""
 
 import json
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -210,6 +211,12 @@ def test_the_page_needs_nothing_else(report, capsys):
     assert "KeyCLD-NC" in page and "pole turns" in page
     assert 'src="http' not in page and "<link" not in page
     assert "| KeyCLD | pendulum | 0.38 |" in (report / "report.md").read_text()
+
+
+def test_the_report_in_the_documentation_is_of_its_figures(tmp_path):
+    shipped = Path(__file__).parents[2] / "docs/paper"
+    write_report(tmp_path, results(shipped))
+    assert (tmp_path / "report.md").read_text() == (shipped / "report.md").read_text()
 
 
 def test_work_is_not_done_twice(report, monkeypatch):
