@@ -21,12 +21,12 @@ class Args:
     see the folder.
 
     Attributes:
-        out: Folder of the report, of data, models and results.
+        out: Folder of the report, of data, models and results; one folder per --seed.
         system: System, repeatable; by default all three.
         preset: Model, repeatable: default, nc, node2, fc, joint, joint-sign; by default all.
         seeds: Seeds of training per model.
         sequences: Training sequences, repeatable; by default 450, and 25 to 200 for the default's first seed.
-        retrain: Train also what the shipped weights are of.
+        retrain: Train also what the shipped weights are of, if it has no figures yet.
         only_report: Write the report from what is there; train and measure nothing.
         workers: Number of processes.
         ray: Do it on a Ray cluster: "local", "auto" or host:port; all its machines must see the folder.

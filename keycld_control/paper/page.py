@@ -54,13 +54,13 @@ def write_report(out: Path, results: Sequence[Result]) -> None:
 def figures(results: Sequence[Result]) -> Iterator[tuple[str, go.Figure]]:
     """Figure 3, figures 8 to 12, and what the paper has not."""
     if any("curve" in r for r in results):
-        yield "Error of predicted frames over time (figure 3)", _curves(results)
+        yield "Error of predicted frames over time, first seed (figure 3)", _curves(results)
     if any(r["sequences"] != WHOLE for r in results):
         yield "Valid prediction time by number of training sequences", _amounts(results)
     if any("potential" in r for r in results):
-        yield "Potential energy (figures 8 to 12)", _potentials(results)
+        yield "Potential energy, first seed (figures 8 to 12)", _potentials(results)
     if any("memory" in r for r in results):
-        yield "Error of test recordings against their distance to training recordings", _memories(results)
+        yield "Error of test recordings against their distance to training recordings, first seed", _memories(results)
 
 
 def _curves(results: Sequence[Result]) -> go.Figure:

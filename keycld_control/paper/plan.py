@@ -27,8 +27,8 @@ TITLES = {
     "nc": "KeyCLD-NC",
     "node2": "NODE2",
     "fc": "FC",
-    "joint": "the paper's loss",
-    "joint-sign": "the paper's loss, sign descent",
+    "joint": "the paper's loss, 6,000 steps",
+    "joint-sign": "the same, sign descent",
 }
 
 

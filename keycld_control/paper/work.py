@@ -1,7 +1,7 @@
 """Trains, or loads, and measures; every piece of work leaves a file, so that nothing is done twice."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -32,7 +32,7 @@ from keycld_model.config import ModelConfig
 from keycld_model.training import PRESETS, TrainingError, train
 from keycld_model.world_model import shipped_models
 
-SCHEMA = "keycld.paper/3"
+SCHEMA = "keycld.paper/4"
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,9 @@ class Work:
 
 def work_off(work: Work, trainings: Sequence[Training], workers: int = 1, ray: str | None = None) -> None:
     """Do what is missing, each training with its measures in one process."""
+    for path, result in _files(work.out):
+        if (seed := result.get("data_seed")) != work.data_seed:
+            raise InputError(f"{path} is of --seed {seed}, not {work.data_seed}; choose another --out.")
     todo = [t for t in trainings if not work.result(t).is_file()]
     for training in todo:  # here, with all processes, before these need them
         for part in PARTS if training.is_default else ("test", "training"):
@@ -68,7 +71,7 @@ def work_off(work: Work, trainings: Sequence[Training], workers: int = 1, ray: s
 
 def one(work: Work, training: Training) -> None:
     """Train or load one model, measure it, write the figures."""
-    result: dict[str, Any] = {"schema": SCHEMA, **asdict(training)}
+    result: dict[str, Any] = {"schema": SCHEMA, "data_seed": work.data_seed, **asdict(training)}
     try:
         model, seconds = _model(work, training)
     except TrainingError as error:  # keypoints that collapse are a result, too
@@ -138,7 +141,10 @@ def results(out: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: if a file is damaged or of another version.
     """
-    found = []
+    return [result for _, result in _files(out)]
+
+
+def _files(out: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
     for path in sorted((out / "results").glob("*.json")):
         try:
             result = json.loads(path.read_text(encoding="utf-8"))
@@ -147,5 +153,4 @@ def results(out: Path) -> list[dict[str, Any]]:
             raise InputError(f"{path} is damaged ({error}); remove it, and its model is measured again.") from error
         if schema != SCHEMA:
             raise InputError(f"{path} has schema {schema!r}, this version reads {SCHEMA!r}; remove it.")
-        found.append(result)
-    return found
+        yield path, result

@@ -156,18 +156,23 @@ def made_up(system, preset, seed, vpt, sequences=450):
     masses = {"ratio": None, "exact": None, "error": None, "lengths": [1.01], "potential": 0.99}
     sweep = {"figure": 8, "title": "pole turns", "position": [0.0, 1.0], "learned": [0.0, 1.1], "true": [0.0, 1.0]}
     return {
-        "schema": working.SCHEMA, "system": system, "preset": preset, "seed": seed, "sequences": sequences,
+        "schema": working.SCHEMA, "data_seed": 1,
+        "system": system, "preset": preset, "seed": seed, "sequences": sequences,
         "table": table, "curve": curve, "potential": [{**sweep, "r2": 0.99, "change": 1.0}], "masses": masses,
     }  # fmt: skip
+
+
+def failed(system, preset, seed):
+    """Of a training whose keypoints collapsed."""
+    known = {"system": system, "preset": preset, "seed": seed, "sequences": 450}
+    return {"schema": working.SCHEMA, "data_seed": 1, **known, "failure": "x"}
 
 
 @pytest.fixture
 def report(tmp_path):
     found = [made_up("pendulum", "default", seed, 0.9 + 0.05 * seed) for seed in range(3)]
     found += [made_up("pendulum", "nc", 0, 0.4), made_up("pendulum", "default", 0, 0.7, 50)]
-    found += [
-        {"schema": working.SCHEMA, "system": "pendulum", "preset": "nc", "seed": 1, "sequences": 450, "failure": "x"}
-    ]
+    found.append(failed("pendulum", "nc", 1))
     for r in found:
         training = Training(r["system"], r["preset"], r["seed"], r["sequences"])
         write_json(Work(tmp_path).result(training), r)
@@ -178,8 +183,8 @@ def test_tables_tell_the_paper_and_the_mean_over_seeds(report):
     made = {table.title: table for table in tables(results(report))}
     rows = made["Valid prediction time"].rows
     ours = "0.950 ± 0.124"
-    assert rows[0] == ("KeyCLD", "pendulum", "0.38", "0.475 ± 0.062", ours, ours, "46.6 ± 6.1", "3")
-    assert rows[1][:5] == ("KeyCLD-NC", "pendulum", "0.20", "0.200", "0.400") and rows[1][-1] == "1, 1 failed"
+    assert rows[0] == ("KeyCLD", "pendulum", "0.38", "0.475 ± 0.062", ours, ours, "46.6 ± 6.1", "3 of 3")
+    assert rows[1][:5] == ("KeyCLD-NC", "pendulum", "0.20", "0.200", "0.400") and rows[1][-1] == "1 of 2"
     assert made["Training sequences"].rows == (("50", "0.700", "–", "–"), ("450", "0.950 ± 0.124", "–", "–"))
     assert interval([0.5]) == "0.500"
 
@@ -194,10 +199,18 @@ def test_aims_stand_beside_what_was_reached(report):
 def test_models_stand_in_the_order_that_was_found():
     scores = {"default": 0.9, "nc": 0.3, "node2": 0.6}
     found = [made_up("pendulum", preset, 0, vpt) for preset, vpt in scores.items()]
-    failed = {"system": "pendulum", "preset": "fc", "seed": 0, "sequences": 450, "failure": "x"}
-    wanted, *cells = next(row[1:] for row in aims([*found, failed]).rows if "models" in row[0])
+    found.append(failed("pendulum", "fc", 0))
+    wanted, *cells = next(row[1:] for row in aims(found).rows if "models" in row[0])
     assert wanted == "KeyCLD > KeyCLD-NC > NODE2 > FC"
     assert cells == ["KeyCLD > NODE2 > KeyCLD-NC > FC", "–", "–"]
+
+
+def test_what_diverged_is_infinite():
+    part = {"change": [0.01, None], "drift": [0.01, None], "off_constraints": None}
+    found = [made_up("pendulum", "default", 0, 0.9) | {"integrators": {"projected": part}}]
+    assert next(row for row in aims(found).rows if "energy" in row[0])[2] == "inf %"
+    rows = next(table.rows for table in tables(found) if table.title.startswith("Energy"))
+    assert rows == (("pendulum", "projected", "inf, inf", "inf, inf", "inf"),)
 
 
 def test_cells_hold_no_bars_that_end_them():
@@ -226,6 +239,11 @@ def test_work_is_not_done_twice(report, monkeypatch):
     wanted = [Training("pendulum"), Training("pendulum", seed=7)]
     work_off(Work(report), wanted)
     assert done == wanted[1:]
+
+
+def test_figures_of_other_data_are_told(report, capsys):
+    assert main(["paper", "--out", str(report), "--seed", "2"]) == 2
+    assert "is of --seed 1, not 2" in capsys.readouterr().err
 
 
 def test_damaged_figures_are_told(report, capsys):
