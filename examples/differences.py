@@ -3,16 +3,16 @@
     keycld collect acrobot --episodes 500 --steps 50 --out data/acrobot --seed 1
     python examples/differences.py --system acrobot --data data/acrobot --out runs/differences
 
-With few recordings, what was tried to learn less of them by heart:
+With few recordings, other rows: what was tried to learn less of them by heart.
 
-    python examples/differences.py --system acrobot --data data/acrobot --out runs/few --recordings 55 --only default \
-        "short distillations" "alternating distillations" "linear forces" "priced forces, no lean"
+    python examples/differences.py --system acrobot --data data/acrobot --out runs/few --recordings 55
 
 One row takes about as long as training the default; widths and full resolution several times that. Rows that are done
 are not trained again.
 """
 
 import json
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,7 +27,6 @@ from keycld_model import WorldModel
 from keycld_model.config import ModelConfig
 from keycld_model.evaluation import evaluate
 from keycld_model.training import PRESETS, Preset, TrainingError, train
-from keycld_model.training.distil import Distil
 from keycld_model.training.fit import FitTrajectories
 from keycld_model.training.presets import by_gradient_descent, with_networks
 from keycld_model.training.stage import Stage
@@ -42,16 +41,11 @@ def stages(change: Callable[[Stage], Stage]) -> Preset:
     return replace(DEFAULT, stages=tuple(change(stage) for stage in DEFAULT.stages))
 
 
-def alternating() -> Preset:
-    """Three short first distillations with a fit after each, then a shorter last one."""
-    first, fit, last, end = DEFAULT.stages[5:]
-    rounds = (replace(first, steps=600), fit) * 3
-    return replace(DEFAULT, stages=(*DEFAULT.stages[:5], *rounds, replace(last, steps=2700), end))
-
-
-def distillations(first: int, last: int) -> Preset:
-    """Of fewer steps."""
-    return stages(lambda s: replace(s, steps=first if s.steps == 1000 else last) if isinstance(s, Distil) else s)
+def distillations(first: int, last: int, rounds: int = 1) -> Preset:
+    """Of so many steps; the first one, and the fit after it, so many times."""
+    *begin, distil, fit, again, end = DEFAULT.stages
+    stages = (*begin, *(replace(distil, steps=first), fit) * rounds, replace(again, steps=last), end)
+    return replace(DEFAULT, stages=stages)
 
 
 def linear_forces(stage: Stage) -> Stage:
@@ -64,7 +58,7 @@ def priced_forces(stage: Stage) -> Stage:
     return replace(stage, acting=False) if isinstance(stage, FitTrajectories) else stage
 
 
-VARIANTS: dict[str, Preset] = {
+TOWARDS_PAPER: dict[str, Preset] = {
     "default": DEFAULT,
     "gaussians of .1 alone, no rods": with_networks(DEFAULT, gaussian_widths=(0.1,), segment_widths=()),
     "no background": with_networks(DEFAULT, background=False),
@@ -75,8 +69,11 @@ VARIANTS: dict[str, Preset] = {
     "paper's loss and optimiser": PRESETS["joint"],
     "32 channels, 8 groups": with_networks(DEFAULT, width=32, groups=8),
     "64 x 64 images": with_networks(DEFAULT, folding=1),
+}
+WITH_FEW: dict[str, Preset] = {
+    "default": DEFAULT,
     "short distillations": distillations(400, 1200),
-    "alternating distillations": alternating(),
+    "alternating distillations": distillations(600, 2700, rounds=3),
     "linear forces": stages(linear_forces),
     "priced forces, no lean": stages(priced_forces),
 }
@@ -103,13 +100,13 @@ class Args:
     seed: int = 0
 
 
-def measure(args: Args, name: str) -> dict[str, Any]:
+def measure(args: Args, name: str, preset: Preset) -> dict[str, Any]:
     """Train one row and score it on the recordings held out."""
     folder = args.out / args.system / name.replace(" ", "-").replace(",", "")
     done = folder / "row.json"
     if done.is_file():
         return json.loads(done.read_text(encoding="utf-8"))
-    dataset, system, preset = read_dataset(args.data), resolve_env_id(args.system), VARIANTS[name]
+    dataset, system = read_dataset(args.data), resolve_env_id(args.system)
     tested = dataset
     if args.recordings is not None:
         tested = replace(dataset, recordings=dataset.recordings[-TESTED:])
@@ -138,5 +135,8 @@ def measure(args: Args, name: str) -> dict[str, Any]:
 
 if __name__ == "__main__":
     args = tyro.cli(Args)
-    for name in args.only or VARIANTS:
-        print(json.dumps(measure(args, name)), flush=True)
+    rows = TOWARDS_PAPER if args.recordings is None else WITH_FEW
+    if unknown := [name for name in args.only if name not in rows]:
+        sys.exit(f"--only: there is no row {unknown[0]!r}; there are {', '.join(map(repr, rows))}.")
+    for name in args.only or rows:
+        print(json.dumps(measure(args, name, rows[name])), flush=True)
