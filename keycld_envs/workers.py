@@ -58,7 +58,8 @@ def map_on_ray(function: Callable[[T], R], items: Iterable[T], address: str) -> 
     """Apply a picklable function to every item on a Ray cluster; results come in the order of the items.
 
     What a machine was doing that is lost, the others do again. Files that `function` reads and writes must lie where
-    all machines see them.
+    all machines see them. Whether the cluster is there shows at once, work begins with the first result that is asked
+    for.
 
     Args:
         function: called on any machine, with one processor.
@@ -71,7 +72,6 @@ def map_on_ray(function: Callable[[T], R], items: Iterable[T], address: str) -> 
     """
     try:
         import ray
-        from ray.exceptions import NodeDiedError, WorkerCrashedError
     except ImportError as error:
         raise InputError(
             "Work is spread over machines by Ray; pip install 'keycld[ray]' or leave out --ray."
@@ -84,6 +84,13 @@ def map_on_ray(function: Callable[[T], R], items: Iterable[T], address: str) -> 
         ray.init(address=address, logging_level=logging.WARNING, log_to_driver=False, **own)
     except (OSError, ValueError, RuntimeError) as error:
         raise InputError(f"There is no Ray cluster at {address!r}; `ray start --head` starts one.") from error
+    return _from_ray(function, items)
+
+
+def _from_ray(function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
+    import ray
+    from ray.exceptions import NodeDiedError, WorkerCrashedError
+
     try:
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_call)
         for reference in [task.remote(function, item) for item in items]:

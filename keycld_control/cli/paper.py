@@ -52,7 +52,7 @@ def run(args: Args) -> None:
     keep_compiled()
     from keycld_control.benchmarks.weights import SYSTEMS
     from keycld_control.paper.page import write_report
-    from keycld_control.paper.plan import TITLES, trainings
+    from keycld_control.paper.plan import AMOUNTS, TITLES, WHOLE, trainings
     from keycld_control.paper.work import Work, results, work_off
     from keycld_envs.errors import InputError
 
@@ -68,7 +68,11 @@ def run(args: Args) -> None:
         if (not args.preset or t.preset in args.preset) and (not args.sequences or t.sequences in args.sequences)
     ]
     if not wanted:
-        raise InputError("Nothing that is planned has these presets and sequences; leave one of them out.")
+        amounts = ", ".join(map(str, AMOUNTS))
+        raise InputError(
+            "Nothing that is planned has these presets and sequences; leave one of them out. "
+            f"There are {WHOLE} sequences of every preset, and {amounts} of the default's first seed."
+        )
     if not args.only_report:
         work_off(Work(args.out, args.seed, shipped=not args.retrain), wanted, args.workers, args.ray)
     found = results(args.out)

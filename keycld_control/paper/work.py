@@ -60,12 +60,13 @@ def work_off(work: Work, trainings: Sequence[Training], workers: int = 1, ray: s
         if (seed := result.get("data_seed")) != work.data_seed:
             raise InputError(f"{path} is of --seed {seed}, not {work.data_seed}; choose another --out.")
     todo = [t for t in trainings if not work.result(t).is_file()]
+    models = each(partial(one, work), todo, workers, ray)  # not begun, but a cluster that is not there shows here
     for training in todo:  # here, with all processes, before these need them
         for part in PARTS if training.is_default else ("test", "training"):
             recordings(work.out / "data", training.system, part, work.data_seed, workers)
     with progress("Models", total=len(trainings)) as advance:
         advance(len(trainings) - len(todo))
-        for _ in each(partial(one, work), todo, workers, ray):
+        for _ in models:
             advance(1)
 
 

@@ -260,10 +260,12 @@ def test_what_cannot_be_made_is_told(tmp_path, capsys):
         ("--seeds", "0"): "seeds is 0",
         ("--preset", "nonsense"): "--preset names 'nonsense'; there are default, nc",
         ("--preset", "fc", "--sequences", "25"): "Nothing that is planned",
+        ("--ray", "127.0.0.1:1"): "no Ray cluster",
         ("--only-report",): "holds no results",
     }.items():
         assert main(["paper", "--out", str(tmp_path), *words]) == 2
         assert told in capsys.readouterr().err
+        assert not any(tmp_path.iterdir())
     write_report(tmp_path, [made_up("acrobot", "default", 0, 1.0)])
     assert (tmp_path / "report.html").is_file()
 
