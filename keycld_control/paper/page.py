@@ -2,8 +2,10 @@
 
 import base64
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from html import escape
+from itertools import chain
 from pathlib import Path
 from string import Template
 
@@ -15,7 +17,24 @@ from plotly.subplots import make_subplots
 from keycld_control.benchmarks.weights import SYSTEMS
 from keycld_control.paper.aims import aims
 from keycld_control.paper.plan import ABLATIONS, AMOUNTS, OPTIMISERS, TITLES, WHOLE
-from keycld_control.paper.tables import Result, Table, chosen, tables, with_measure
+from keycld_control.paper.tables import (
+    Result,
+    Table,
+    actions,
+    amounts,
+    chaos,
+    chosen,
+    integrators,
+    long,
+    potential,
+    recall,
+    sooner,
+    starts,
+    states,
+    swing_ups,
+    vpt,
+    with_measure,
+)
 from keycld_envs.files import atomic_file
 
 COLOURS = ("#1f6f9f", "#d08a1d", "#5b8a3a", "#b23a48", "#7b5aa6", "#555555")
@@ -23,7 +42,7 @@ PAGE = Template("""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>KeyCLD: the paper anew</title><style>
 body{font:16px/1.5 system-ui,sans-serif;max-width:72rem;margin:2rem auto;padding:0 1.5rem;color:#222;background:#fcfbf7}
-h1,h2{font-family:Georgia,serif;line-height:1.2}h2{margin-top:3rem}
+h1,h2,h3{font-family:Georgia,serif;line-height:1.2}h2{margin-top:3rem}
 table{border-collapse:collapse;font-variant-numeric:tabular-nums;margin:1rem 0}
 th,td{text-align:left;padding:.3rem .9rem .3rem 0;border-bottom:1px solid #ddd}th{font-weight:600}
 p.note{color:#666;max-width:46rem;font-size:.9rem}figure{margin:1rem 0}figcaption{color:#666;font-size:.9rem}
@@ -36,34 +55,47 @@ $body
 """)
 
 
+@dataclass(frozen=True)
+class Section:
+    """A table, and the pictures that belong to it, as HTML; they are drawn when they are asked for."""
+
+    table: Table
+    pictures: Iterable[str] = ()
+
+
 def write_report(out: Path, results: Sequence[Result]) -> None:
     """Write report.html and report.md from what has been measured so far."""
-    made = [table for table in (aims(results), *tables(results)) if table.rows]
+    made = [section for section in sections(out, results) if section.table.rows]
     number = f"{len(results)} model{'s' if len(results) != 1 else ''}"
     about = f"{number} measured: {_number(results)}. Written by <code>keycld paper</code>."
-    body = [_table(table) for table in made]
-    body += [_figure(title, figure) for title, figure in figures(results)]
-    body += [*_swing_ups(out, results), *_strips(out, results)]
+    body = [text for section in made for text in (_table(section.table), *section.pictures)]
     page = PAGE.substitute(plotly=get_plotlyjs(), about=about, body="\n".join(body))
     with atomic_file(out / "report.html", "w") as file:
         file.write(page)
     with atomic_file(out / "report.md", "w") as file:
-        file.write("# KeyCLD: the paper anew\n\n" + "\n".join(table.markdown() for table in made))
+        file.write("# KeyCLD: the paper anew\n\n" + "\n".join(section.table.markdown() for section in made))
 
 
-def figures(results: Sequence[Result]) -> Iterator[tuple[str, go.Figure]]:
-    """Figure 3, figures 8 to 12, and what the paper has not."""
-    if any("curve" in r for r in results):
-        yield "Error of predicted frames over time, first seed (figure 3)", _curves(results)
-    if any(r["sequences"] != WHOLE for r in results):
-        yield "Valid prediction time by number of training sequences", _amounts(results)
-    if any("potential" in r for r in results):
-        yield "Potential energy, first seed (figures 8 to 12)", _potentials(results)
-    if any("memory" in r for r in results):
-        yield "Error of test recordings against their distance to training recordings, first seed", _memories(results)
+def sections(out: Path, results: Sequence[Result]) -> Iterator[Section]:
+    """What was to be reached beside what was, then all measures; the paper's figures stand with their tables."""
+    yield Section(aims(results))
+    yield Section(vpt(results), chain(_curves(results), _strips(out, results)))
+    yield Section(starts(results))
+    yield Section(amounts(results), _amounts(results))
+    yield Section(actions(results))
+    yield Section(long(results))
+    yield Section(chaos(results))
+    yield Section(recall(results), _memories(results))
+    yield Section(potential(results), _potentials(results))
+    yield Section(states(results))
+    yield Section(integrators(results))
+    yield Section(swing_ups(results), _swing_ups(out, results))
+    yield Section(sooner(results))
 
 
-def _curves(results: Sequence[Result]) -> go.Figure:
+def _curves(results: Sequence[Result]) -> Iterator[str]:
+    if all("failure" in r for r in results):
+        return
     figure, named = make_subplots(1, len(SYSTEMS), subplot_titles=SYSTEMS, shared_yaxes=True), set[str]()
     for c, system in enumerate(SYSTEMS, 1):
         for colour, preset in zip(COLOURS, (*ABLATIONS, *OPTIMISERS), strict=True):
@@ -84,10 +116,13 @@ def _curves(results: Sequence[Result]) -> go.Figure:
     figure.update_yaxes(type="log", exponentformat="power")
     figure.update_yaxes(title="mean squared error", col=1)
     figure.update_xaxes(title="frame")
-    return figure.update_layout(template="plotly_white", height=420, margin={"t": 50})
+    figure.update_layout(template="plotly_white", height=420, margin={"t": 50})
+    yield _figure("Error of predicted frames over time, first seed (figure 3)", figure)
 
 
-def _amounts(results: Sequence[Result]) -> go.Figure:
+def _amounts(results: Sequence[Result]) -> Iterator[str]:
+    if all(r["sequences"] == WHOLE for r in results):
+        return
     figure = go.Figure()
     for colour, system in zip(COLOURS, SYSTEMS, strict=False):
         points = [
@@ -98,10 +133,11 @@ def _amounts(results: Sequence[Result]) -> go.Figure:
         figure.add_scatter(x=x, y=y, name=system, mode="lines+markers", line={"color": colour})
     figure.update_xaxes(type="log", title="sequences", tickvals=[*AMOUNTS, WHOLE])
     figure.update_yaxes(title="VPT from five frames", rangemode="tozero")
-    return figure.update_layout(template="plotly_white", height=360, margin={"t": 30})
+    figure.update_layout(template="plotly_white", height=360, margin={"t": 30})
+    yield _figure("Valid prediction time by number of training sequences", figure)
 
 
-def _potentials(results: Sequence[Result]) -> go.Figure:
+def _potentials(results: Sequence[Result]) -> Iterator[str]:
     sweeps = [
         (system, sweep) for system, found in with_measure(results, "potential") for sweep in found[0]["potential"]
     ]
@@ -118,10 +154,11 @@ def _potentials(results: Sequence[Result]) -> go.Figure:
             showlegend=i == 0, legendgroup="learned", **at,
         )  # fmt: skip
     figure.update_yaxes(title="J")
-    return figure.update_layout(template="plotly_white", height=260 * ((len(sweeps) + 1) // 2), margin={"t": 50})
+    figure.update_layout(template="plotly_white", height=260 * ((len(sweeps) + 1) // 2), margin={"t": 50})
+    yield _figure("Potential energy, first seed (figures 8 to 12)", figure)
 
 
-def _memories(results: Sequence[Result]) -> go.Figure:
+def _memories(results: Sequence[Result]) -> Iterator[str]:
     measured = [(system, found[0]["memory"]) for system, found in with_measure(results, "memory")]
     figure = make_subplots(1, len(measured), subplot_titles=[system for system, _ in measured])
     for c, (_, memory) in enumerate(measured, 1):
@@ -130,7 +167,8 @@ def _memories(results: Sequence[Result]) -> go.Figure:
     figure.update_xaxes(title="distance", rangemode="tozero")
     figure.update_yaxes(type="log", exponentformat="power")
     figure.update_yaxes(title="mean squared error", col=1)
-    return figure.update_layout(template="plotly_white", height=360, margin={"t": 50})
+    figure.update_layout(template="plotly_white", height=360, margin={"t": 50})
+    yield _figure("Error of test recordings against their distance to training recordings, first seed", figure)
 
 
 def _swing_ups(out: Path, results: Sequence[Result]) -> Iterator[str]:
@@ -157,7 +195,7 @@ def _pictures(title: str, out: Path, pictures: Sequence[tuple[str, str]]) -> Ite
     """A heading, and the pictures that are there, by name and caption."""
     there = [(path, caption) for name, caption in pictures if (path := out / "strips" / f"{name}.png").is_file()]
     if there:
-        yield f"<h2>{escape(title)}</h2>"
+        yield f"<h3>{escape(title)}</h3>"
     for path, caption in there:
         image = base64.b64encode(path.read_bytes()).decode("ascii")
         yield (
@@ -167,7 +205,7 @@ def _pictures(title: str, out: Path, pictures: Sequence[tuple[str, str]]) -> Ite
 
 
 def _figure(title: str, figure: go.Figure) -> str:
-    return f"<h2>{escape(title)}</h2>{figure.to_html(include_plotlyjs=False, full_html=False)}"
+    return f"<h3>{escape(title)}</h3>{figure.to_html(include_plotlyjs=False, full_html=False)}"
 
 
 def _table(table: Table) -> str:

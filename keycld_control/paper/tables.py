@@ -39,15 +39,6 @@ class Table:
         return f"## {self.title}\n\n{text}\n\n{self.note}\n"
 
 
-def tables(results: Sequence[Result]) -> list[Table]:
-    """All that these results can fill, besides what they were to reach."""
-    made = (
-        vpt(results), starts(results), amounts(results), actions(results), long(results), chaos(results),
-        recall(results), potential(results), states(results), integrators(results), swing_ups(results), sooner(results),
-    )  # fmt: skip
-    return [table for table in made if table.rows]
-
-
 def vpt(results: Sequence[Result]) -> Table:
     """Table 1 of the paper beside ours."""
     rows = []
