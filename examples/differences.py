@@ -64,6 +64,10 @@ TOWARDS_PAPER: dict[str, Preset] = {
     "no background": with_networks(DEFAULT, background=False),
     "no saliency": with_networks(DEFAULT, saliency=0.0),
     "paper's optimiser, Adam 3e-4": stages(lambda s: replace(s, learning_rate=3e-4, one_cycle=False, clip=None)),
+    "sign descent": stages(lambda s: replace(s, forgetful=True)),
+    "paper's optimiser, sign descent 3e-4": stages(
+        lambda s: replace(s, learning_rate=3e-4, one_cycle=False, clip=None, forgetful=True)
+    ),
     "no Gauss-Newton": by_gradient_descent(DEFAULT),
     "V, g without linear terms": with_networks(DEFAULT, linear=False),
     "paper's loss and optimiser": PRESETS["joint"],
