@@ -44,8 +44,18 @@ def stages(change: Callable[[Stage], Stage]) -> Preset:
 def distillations(first: int, last: int, rounds: int = 1) -> Preset:
     """Of so many steps; the first one, and the fit after it, so many times."""
     *begin, distil, fit, again, end = DEFAULT.stages
-    stages = (*begin, *(replace(distil, steps=first), fit) * rounds, replace(again, steps=last), end)
-    return replace(DEFAULT, stages=stages)
+    repeated = (replace(distil, steps=first), fit) * rounds
+    return replace(DEFAULT, stages=(*begin, *repeated, replace(again, steps=last), end))
+
+
+def constant_rate(stage: Stage) -> Stage:
+    """The paper's, without clipping."""
+    return replace(stage, learning_rate=3e-4, one_cycle=False, clip=None)
+
+
+def sign_descent(stage: Stage) -> Stage:
+    """What the optimiser of the reference's code is."""
+    return replace(stage, forgetful=True)
 
 
 def linear_forces(stage: Stage) -> Stage:
@@ -63,11 +73,9 @@ TOWARDS_PAPER: dict[str, Preset] = {
     "gaussians of .1 alone, no rods": with_networks(DEFAULT, gaussian_widths=(0.1,), segment_widths=()),
     "no background": with_networks(DEFAULT, background=False),
     "no saliency": with_networks(DEFAULT, saliency=0.0),
-    "paper's optimiser, Adam 3e-4": stages(lambda s: replace(s, learning_rate=3e-4, one_cycle=False, clip=None)),
-    "sign descent": stages(lambda s: replace(s, forgetful=True)),
-    "paper's optimiser, sign descent 3e-4": stages(
-        lambda s: replace(s, learning_rate=3e-4, one_cycle=False, clip=None, forgetful=True)
-    ),
+    "paper's optimiser, Adam 3e-4": stages(constant_rate),
+    "sign descent": stages(sign_descent),
+    "paper's optimiser, sign descent 3e-4": stages(lambda s: sign_descent(constant_rate(s))),
     "no Gauss-Newton": by_gradient_descent(DEFAULT),
     "V, g without linear terms": with_networks(DEFAULT, linear=False),
     "paper's loss and optimiser": PRESETS["joint"],

@@ -44,6 +44,7 @@ def test_what_a_lost_machine_was_doing_is_done_again(cluster, tmp_path):
     losing.start()
     assert list(map_on_ray(partial(held, tmp_path), range(6), nodes.address)) == [0, 1, 4, 9, 16, 25]
     losing.join(10)
+    assert not losing.is_alive()
     begun = [p.name.split("-")[0] for p in tmp_path.iterdir() if p.name != LOST]
     assert len(begun) == 7 and len(set(begun)) == 6  # one was begun twice
 
