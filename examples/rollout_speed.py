@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.table import Table
 
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.acting import Pushing
-from keycld_model.diagnosis.mechanism import Mechanism
-from keycld_model.diagnosis.rollouts import Copies, MujocoRollouts, Rollouts
+from keycld_model.rigid_body.effects import Pushing
+from keycld_model.rigid_body.engine import Copies, MujocoRollouts, Rollouts
+from keycld_model.rigid_body.mechanism import Mechanism
 
 ROLLOUTS, STEPS = 1024, 40
 

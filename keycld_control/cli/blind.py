@@ -48,19 +48,19 @@ def run(args: Args) -> None:
     if args.workers < 1:
         raise InputError(f"workers is {args.workers}; it must be at least 1.")
     if args.action == "make":
-        from keycld_model.diagnosis.blind.make import Settings, make
+        from keycld_control.benchmarks.blind.make import Settings, make
 
         manifest = make(args.out, Settings(args.seed, args.cases), args.workers, args.ray)
         print_result(manifest, as_json=args.json)
         if not args.json:
             print(f"SHA-256 of the answers: {manifest['answers_sha256']}")  # the table may cut it
     elif args.action == "run":
-        from keycld_model.diagnosis.blind.run import run as run_method
+        from keycld_control.benchmarks.blind.run import run as run_method
 
         print_result(run_method(args.out, args.method, args.workers, args.ray), as_json=args.json)
     else:
-        from keycld_model.diagnosis.blind.score import score
-        from keycld_model.diagnosis.blind.tables import print_score
+        from keycld_control.benchmarks.blind.score import score
+        from keycld_control.benchmarks.blind.tables import print_score
 
         result = score(args.out, args.partial)
         if args.json:

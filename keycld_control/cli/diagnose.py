@@ -44,10 +44,10 @@ def run(args: Args) -> int:
     from keycld_envs.errors import InputError
     from keycld_envs.recordings import read_dataset
     from keycld_model.diagnosis import diagnose
-    from keycld_model.diagnosis.corrected import write_corrected
-    from keycld_model.diagnosis.page import write_page
-    from keycld_model.diagnosis.source import Source
-    from keycld_model.diagnosis.words import experiment
+    from keycld_model.diagnosis.inputs.source import Source
+    from keycld_model.diagnosis.output.mjcf import write_corrected
+    from keycld_model.diagnosis.output.page import write_page
+    from keycld_model.diagnosis.output.words import experiment
 
     recordings = read_dataset(args.recordings).recordings
     held_out = read_dataset(args.held_out).recordings if args.held_out else ()

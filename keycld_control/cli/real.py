@@ -34,9 +34,9 @@ class Args:
 def run(args: Args) -> int:
     """Run gates, write results, print a table."""
     keep_compiled()
+    from keycld_control.benchmarks.real import GATES
     from keycld_envs.errors import InputError
     from keycld_envs.progress import progress
-    from keycld_model.diagnosis.real import GATES
 
     names = [name.strip().upper() for name in args.only.split(",") if name.strip()] or list(GATES)
     if unknown := [name for name in names if name not in GATES]:
@@ -51,7 +51,7 @@ def run(args: Args) -> int:
                 result = GATES[name](args.data)
                 results.append(result)
                 if args.out is not None:
-                    from keycld_model.diagnosis.real.plots import write_page
+                    from keycld_control.benchmarks.real.plots import write_page
 
                     args.out.mkdir(parents=True, exist_ok=True)
                     write_json(args.out / f"{name}.json", result.to_dict())

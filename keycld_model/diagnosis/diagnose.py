@@ -11,10 +11,19 @@ from numpy.typing import NDArray
 from keycld_envs.effects import Effect
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.checks import check, check_apart
-from keycld_model.diagnosis.contacts import without_contacts
-from keycld_model.diagnosis.evidence import evidence
-from keycld_model.diagnosis.findings import (
+from keycld_model.diagnosis.estimation.fit import Fit, Linearisation, Problem
+from keycld_model.diagnosis.estimation.pulses import concentrated, paid, pushed, spiked
+from keycld_model.diagnosis.estimation.replay import error_unit, likelihood, replay, rollout_error
+from keycld_model.diagnosis.inputs.checks import check, check_apart
+from keycld_model.diagnosis.inputs.noise import noise
+from keycld_model.diagnosis.inputs.prepare import SAMPLES, accurate_step, ready, split
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.search.residual_fit import ROUNDS, fit_residual_force, lengthened, residual_force_of
+from keycld_model.diagnosis.search.search import LARGEST, Scored, Search, misfit, penalty
+from keycld_model.diagnosis.simulation.contacts import without_contacts
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.verdict.evidence import evidence
+from keycld_model.diagnosis.verdict.findings import (
     calibrated,
     findings_of,
     headline_of,
@@ -25,17 +34,8 @@ from keycld_model.diagnosis.findings import (
     unexplained_of,
     unknown_of,
 )
-from keycld_model.diagnosis.fit import Fit, Linearisation, Problem
-from keycld_model.diagnosis.held_out import error_unit, likelihood, replay, rollout_error
-from keycld_model.diagnosis.next_experiment import next_experiment
-from keycld_model.diagnosis.noise import noise
-from keycld_model.diagnosis.prepare import SAMPLES, accurate_step, ready, split
-from keycld_model.diagnosis.pulses import concentrated, paid, pushed, spiked
-from keycld_model.diagnosis.report import Finding, FitErrors, Report, Unexplained, Verdict
-from keycld_model.diagnosis.residual_force import ROUNDS, fit_residual_force, lengthened, residual_force_of
-from keycld_model.diagnosis.search import LARGEST, Scored, Search, misfit, penalty
-from keycld_model.diagnosis.simulator import Simulator
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.verdict.next_experiment import next_experiment
+from keycld_model.diagnosis.verdict.report import Finding, FitErrors, Report, Unexplained, Verdict
 
 WINDOWS = 80
 """At most, for the search."""

@@ -10,21 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from keycld_control.benchmarks.blind import make as making
+from keycld_control.benchmarks.blind.case import FASTEST, HELD_OUT, TRAINING, draw_case
+from keycld_control.benchmarks.blind.excite import LIMIT
+from keycld_control.benchmarks.blind.make import Settings, make
+from keycld_control.benchmarks.blind.match import Trial
+from keycld_control.benchmarks.blind.plan import MIX, Plan, mix, plan
+from keycld_control.benchmarks.blind.plant import Path as Motion
+from keycld_control.benchmarks.blind.plant import Plant
+from keycld_control.benchmarks.blind.run import run
+from keycld_control.benchmarks.blind.score import score
+from keycld_control.benchmarks.blind.sites import SITES, sites
+from keycld_control.benchmarks.blind.strengths import DRIVEN, LIBRARY
 from keycld_control.cli import main
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import read_dataset
-from keycld_model.diagnosis.blind import make as making
-from keycld_model.diagnosis.blind.case import FASTEST, HELD_OUT, TRAINING, draw_case
-from keycld_model.diagnosis.blind.excite import LIMIT
-from keycld_model.diagnosis.blind.make import Settings, make
-from keycld_model.diagnosis.blind.match import Trial
-from keycld_model.diagnosis.blind.plan import MIX, Plan, mix, plan
-from keycld_model.diagnosis.blind.plant import Path as Motion
-from keycld_model.diagnosis.blind.plant import Plant
-from keycld_model.diagnosis.blind.run import run
-from keycld_model.diagnosis.blind.score import score
-from keycld_model.diagnosis.blind.sites import SITES, sites
-from keycld_model.diagnosis.blind.strengths import DRIVEN, LIBRARY
 
 ROOT = Path(__file__).parents[2]
 SEED, CASES = 11, 2
@@ -307,7 +307,7 @@ def test_recovery_leaves_out_what_cannot_be_recovered():
 
 def test_the_generator_imports_nothing_that_is_measured():
     """Stricter than the import contract, which lists modules: whatever draws and simulates, and all that it imports."""
-    package = "keycld_model.diagnosis.blind"
+    package = "keycld_control.benchmarks.blind"
     allowed = ("keycld_envs.systems", "keycld_envs.recordings", package)
     todo, seen = [f"{package}.case", f"{package}.plan"], set()
     while todo:

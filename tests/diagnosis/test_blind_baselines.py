@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from keycld_control.benchmarks.blind.case import TRAINING, draw_case, recording
+from keycld_control.benchmarks.blind.mechanisms.friction import Viscous
+from keycld_control.benchmarks.blind.methods import get_method
+from keycld_control.benchmarks.blind.plan import Plan
+from keycld_control.benchmarks.blind.plant import Plant
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.blind.case import TRAINING, draw_case, recording
-from keycld_model.diagnosis.blind.mechanisms.friction import Viscous
-from keycld_model.diagnosis.blind.methods import get_method
-from keycld_model.diagnosis.blind.plan import Plan
-from keycld_model.diagnosis.blind.plant import Plant
 
 B = 0.05
 

@@ -7,13 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from keycld_control.benchmarks.blind.mechanism import Run
+from keycld_control.benchmarks.blind.mechanisms import actuation, forces, friction, structure, watching
+from keycld_control.benchmarks.blind.outside_strengths import OUTSIDE, possible
+from keycld_control.benchmarks.blind.plant import STEP, Path, Plant
+from keycld_control.benchmarks.blind.sites import SITES
+from keycld_control.benchmarks.blind.strengths import LIBRARY
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.blind.mechanism import Run
-from keycld_model.diagnosis.blind.mechanisms import actuation, forces, friction, structure, watching
-from keycld_model.diagnosis.blind.outside_strengths import OUTSIDE, possible
-from keycld_model.diagnosis.blind.plant import STEP, Path, Plant
-from keycld_model.diagnosis.blind.sites import SITES
-from keycld_model.diagnosis.blind.strengths import LIBRARY
 
 GRAVITY = 9.81
 MASS, LENGTH, INERTIA, GEAR = 1.0, 0.5, 0.251, 2.0

@@ -8,8 +8,8 @@ from plants import recordings
 
 from keycld_envs.effects import ActuatorDelay, ClockDrift, ExternalPeriodic, FrictionDrift, GainDrift, SensorLatency
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.simulator import Simulator, Variant
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
 
 
 def simulated(runs, *effects, start=None, samples=40):

@@ -8,10 +8,10 @@ import pytest
 from plants import recordings
 
 from keycld_model.diagnosis import Source, diagnose, write_corrected
-from keycld_model.diagnosis.fit import Problem
-from keycld_model.diagnosis.noise import noise
-from keycld_model.diagnosis.simulator import Simulator
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.estimation.fit import Problem
+from keycld_model.diagnosis.inputs.noise import noise
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.simulation.simulator import Simulator
 
 CRANK = """
 <mujoco>

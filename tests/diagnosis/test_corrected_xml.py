@@ -24,10 +24,10 @@ from keycld_envs.effects import (
 )
 from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.errors import InputError
-from keycld_model.diagnosis.corrected import write_corrected
-from keycld_model.diagnosis.evidence import Evidence
-from keycld_model.diagnosis.simulator import Simulator, Variant
-from keycld_model.diagnosis.source import Source
+from keycld_model.diagnosis.inputs.source import Source
+from keycld_model.diagnosis.output.mjcf import write_corrected
+from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
+from keycld_model.diagnosis.verdict.evidence import Evidence
 
 ARM = """
 <mujoco>

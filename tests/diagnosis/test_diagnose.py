@@ -15,11 +15,11 @@ from keycld_envs.errors import InputError
 from keycld_envs.recordings import write_recording
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import Source, diagnose
-from keycld_model.diagnosis.checks import check
 from keycld_model.diagnosis.diagnose import coarseness
-from keycld_model.diagnosis.fit import Fit, Problem
-from keycld_model.diagnosis.simulator import Simulator
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.estimation.fit import Fit, Problem
+from keycld_model.diagnosis.inputs.checks import check
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.simulation.simulator import Simulator
 
 ELBOW = np.array([0.0, 1.0])
 MISSING = {

@@ -4,8 +4,8 @@ import pytest
 
 from keycld_envs.effects import ActuatorDelay, Cogging, ExternalPeriodic, JointFlexibility, Spring, ViscousFriction
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.findings import RIGHT, _estimates, calibrated
-from keycld_model.diagnosis.report import Finding, Unexplained
+from keycld_model.diagnosis.verdict.findings import RIGHT, _estimates, calibrated
+from keycld_model.diagnosis.verdict.report import Finding, Unexplained
 
 
 @pytest.mark.parametrize(

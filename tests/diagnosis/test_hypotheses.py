@@ -8,10 +8,10 @@ from plants import recordings
 
 from keycld_envs.effects import ActuatorSaturation, EndStop
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.fit import Problem
-from keycld_model.diagnosis.hypotheses import columns, hypotheses, seen
-from keycld_model.diagnosis.simulator import Simulator
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.estimation.fit import Problem
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.search.hypotheses import columns, hypotheses, seen
+from keycld_model.diagnosis.simulation.simulator import Simulator
 
 SMOOTH = {"constant_force", "spring", "external_periodic", "cogging", "base_motion", "parameter_drift"}
 

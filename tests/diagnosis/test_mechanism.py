@@ -12,11 +12,11 @@ from keycld_envs.effects import EFFECTS, Effect
 from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.effects.base import add_friction
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.acting import Pushing
-from keycld_model.diagnosis.mechanism import Mechanism
-from keycld_model.diagnosis.rollouts import Copies, MujocoRollouts
-from keycld_model.diagnosis.simulator import Simulator, Variant
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
+from keycld_model.rigid_body.effects import Pushing
+from keycld_model.rigid_body.engine import Copies, MujocoRollouts
+from keycld_model.rigid_body.mechanism import Mechanism
 
 SKEW = """
 <mujoco>

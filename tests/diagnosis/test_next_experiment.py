@@ -10,12 +10,12 @@ from plants import recordings
 from keycld_envs.effects import ConstantForce, Spring
 from keycld_envs.recordings import Recording
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.fit import Fit, Problem
-from keycld_model.diagnosis.next_experiment import FASTEST, next_experiment
-from keycld_model.diagnosis.report import Experiment
-from keycld_model.diagnosis.simulator import Simulator
-from keycld_model.diagnosis.windows import cut
-from keycld_model.diagnosis.words import experiment
+from keycld_model.diagnosis.estimation.fit import Fit, Problem
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.output.words import experiment
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.verdict.next_experiment import FASTEST, next_experiment
+from keycld_model.diagnosis.verdict.report import Experiment
 
 STIFFNESS = 0.4
 

@@ -17,14 +17,14 @@ from keycld_envs.effects import EFFECTS, ActuatorDeadZone, GravityTilt, Stribeck
 from keycld_envs.errors import InputError
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import Report, diagnose, write_page
-from keycld_model.diagnosis.page.drawing import draw
-from keycld_model.diagnosis.page.geometry import skeleton
-from keycld_model.diagnosis.page.labels import Mark
-from keycld_model.diagnosis.page.mathml import mathml
-from keycld_model.diagnosis.page.page import html_page
-from keycld_model.diagnosis.report import Estimate, Finding, Unexplained
-from keycld_model.diagnosis.smooth_force import Features, ResidualForce
-from keycld_model.diagnosis.words import call, measured
+from keycld_model.diagnosis.output.page.drawing import draw
+from keycld_model.diagnosis.output.page.geometry import skeleton
+from keycld_model.diagnosis.output.page.labels import Mark
+from keycld_model.diagnosis.output.page.mathml import mathml
+from keycld_model.diagnosis.output.page.page import html_page
+from keycld_model.diagnosis.output.words import call, measured
+from keycld_model.diagnosis.verdict.report import Estimate, Finding, Unexplained
+from keycld_model.rigid_body.residual_force import Features, ResidualForce
 
 LIMIT = 8_000_000
 

@@ -6,10 +6,10 @@ import pytest
 from plants import recordings
 
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.fit import Problem
-from keycld_model.diagnosis.pulses import with_pulses
-from keycld_model.diagnosis.simulator import Pulse, Simulator
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.estimation.fit import Problem
+from keycld_model.diagnosis.estimation.pulses import with_pulses
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.simulation.simulator import Pulse, Simulator
 
 
 def bump(t, q, v, u):

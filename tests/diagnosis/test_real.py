@@ -7,13 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from keycld_control.benchmarks.real import GATES, Curve, GateResult, dfki, r1, r2, r3, r4, r6
+from keycld_control.benchmarks.real.plots import write_page
+from keycld_control.benchmarks.real.replay import refit, roll
 from keycld_control.cli import main
 from keycld_envs.effects import CoulombFriction, QuadraticDrag, ViscousFriction
-from keycld_model.diagnosis.real import GATES, Curve, GateResult, dfki, r1, r2, r3, r4, r6
-from keycld_model.diagnosis.real.plots import write_page
-from keycld_model.diagnosis.real.replay import refit, roll
-from keycld_model.diagnosis.report import Estimate, Finding, FitErrors, Report, Unexplained
-from keycld_model.diagnosis.simulator import Simulator
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Report, Unexplained
 
 DATA = Path(os.environ.get("KEYCLD_REAL", Path(__file__).parents[2].parent / "shared" / "real"))
 real = [pytest.mark.real, pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} does not exist")]

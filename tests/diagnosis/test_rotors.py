@@ -9,10 +9,10 @@ from plants import NOISE, recordings
 from keycld_envs.effects import ActuatorLag, AddedMass, JointFlexibility
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.diagnose import _explain
-from keycld_model.diagnosis.fit import Problem
-from keycld_model.diagnosis.search import penalty
-from keycld_model.diagnosis.simulator import Simulator
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.estimation.fit import Problem
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.search.search import penalty
+from keycld_model.diagnosis.simulation.simulator import Simulator
 
 GEAR, INERTIA, STEP = 2.0, 0.25, 1e-3
 """Of the pendulum; and s between calls of the plant's forces."""

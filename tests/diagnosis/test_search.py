@@ -11,11 +11,11 @@ from plants import recordings
 
 from keycld_envs import KeyCLDEnv
 from keycld_envs.effects import EFFECTS, ActuatorDelay, ActuatorLag, Backlash
-from keycld_model.diagnosis.fit import Problem
-from keycld_model.diagnosis.pulses import spiked
-from keycld_model.diagnosis.search import Search
-from keycld_model.diagnosis.simulator import Simulator
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.estimation.fit import Problem
+from keycld_model.diagnosis.estimation.pulses import spiked
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.search.search import Search
+from keycld_model.diagnosis.simulation.simulator import Simulator
 
 
 def loose(truth: Backlash, number: int = 4, samples: int = 160):

@@ -6,11 +6,11 @@ from plants import recordings
 
 from keycld_envs.effects import ActuatorGain, ConstantForce, EndStop, Spring, StribeckFriction
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.fit import Fit, Problem
-from keycld_model.diagnosis.page.portrait import portrait
-from keycld_model.diagnosis.shape import Shape, shape_of
-from keycld_model.diagnosis.simulator import Simulator
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.estimation.fit import Fit, Problem
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.output.page.portrait import portrait
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.verdict.region import Shape, shape_of
 
 
 @pytest.fixture(scope="module")

@@ -14,15 +14,15 @@ from keycld_envs.errors import InputError
 from keycld_envs.recordings import write_recording
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
-from keycld_model.diagnosis.checks import check
-from keycld_model.diagnosis.contacts import without_contacts
-from keycld_model.diagnosis.fit import Problem
-from keycld_model.diagnosis.held_out import mean_square, rollout_error
-from keycld_model.diagnosis.mechanism import Mechanism
-from keycld_model.diagnosis.noise import noise
-from keycld_model.diagnosis.prepare import ready, split
-from keycld_model.diagnosis.simulator import Simulator, Variant
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.estimation.fit import Problem
+from keycld_model.diagnosis.estimation.replay import mean_square, rollout_error
+from keycld_model.diagnosis.inputs.checks import check
+from keycld_model.diagnosis.inputs.noise import noise
+from keycld_model.diagnosis.inputs.prepare import ready, split
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.simulation.contacts import without_contacts
+from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
+from keycld_model.rigid_body.mechanism import Mechanism
 
 FILTERED = """<mujoco><option timestep="0.01"/><worldbody><body name="rod">
 <joint name="hinge" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" contype="1"/></body>{}

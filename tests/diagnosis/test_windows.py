@@ -8,11 +8,11 @@ from plants import recordings
 
 from keycld_envs.effects import HystereticFriction, JointFlexibility
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.acting import memories
-from keycld_model.diagnosis.fit import Problem
-from keycld_model.diagnosis.held_out import replay
-from keycld_model.diagnosis.simulator import Simulator
-from keycld_model.diagnosis.windows import cut
+from keycld_model.diagnosis.estimation.fit import Problem
+from keycld_model.diagnosis.estimation.replay import replay
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.rigid_body.effects import memories
 
 
 @pytest.fixture(scope="module")

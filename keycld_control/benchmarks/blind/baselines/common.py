@@ -1,0 +1,113 @@
+"""What all baselines share: the refitted simulator, the errors on held-out recordings, and the report."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.effects import Effect
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.diagnose import HORIZON, WINDOWS
+from keycld_model.diagnosis.estimation.fit import Fit, Point, Problem
+from keycld_model.diagnosis.inputs.checks import check, check_apart
+from keycld_model.diagnosis.inputs.noise import noise
+from keycld_model.diagnosis.inputs.prepare import SAMPLES, accurate_step, spacing, thin
+from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
+
+EXPLAINED = 1.3
+"""Mean square of whitened residuals up to which a baseline takes what is left for noise."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Recordings of one case as the diagnosis uses them, and the simulator with Runge-Kutta steps.
+
+    Attributes:
+        training: no faster than the diagnosis reads.
+        held_out: to test on.
+        model: the simulator as it is believed to be.
+    """
+
+    training: Sequence[Recording]
+    held_out: Sequence[Recording]
+    model: mujoco.MjModel
+
+    @classmethod
+    def of(cls, training: Sequence[Recording], held_out: Sequence[Recording], model: mujoco.MjModel) -> "Setup":
+        """Checked and thinned."""
+        check([*training, *held_out], model)
+        check_apart(training, held_out)
+        return cls([thin(r) for r in training], [thin(r) for r in held_out], model)
+
+    @cached_property
+    def spacing(self) -> float:
+        """Seconds between samples."""
+        return spacing(self.training)
+
+    @cached_property
+    def simulator(self) -> Simulator:
+        """With steps of which samples are a whole number apart."""
+        return Simulator(self.model, accurate_step(self.training), threads=1)
+
+    @cached_property
+    def sigma(self) -> NDArray[np.float64]:
+        """Noise of the sensors, `[nv]`."""
+        return noise(self.training)
+
+    @cached_property
+    def refitted(self) -> Fit:
+        """Nuisances alone, on the windows of the diagnosis."""
+        windows = cut(self.training, self.simulator.step, SAMPLES)
+        if len(windows) > WINDOWS:
+            windows = windows.take(np.linspace(0, len(windows) - 1, WINDOWS).round().astype(int))
+        problem = Problem(self.simulator, windows, self.sigma)
+        return problem.minimise(problem.start(), iterations=15)
+
+    @cached_property
+    def long(self) -> Problem:
+        """Rollouts of held-out recordings, as long as those of the diagnosis."""
+        shortest = min(len(np.asarray(r.t_state)) for r in self.held_out)
+        samples = SAMPLES * max(1, min(HORIZON, shortest // SAMPLES))
+        return Problem(self.simulator, cut(self.held_out, self.simulator.step, samples), self.sigma)
+
+    def error(self, variant: Variant) -> float:
+        """Root mean square of held-out rollouts with fitted initial states, mrad or mm."""
+        start = Point(variant, *self.long.windows.initial_states())
+        fit = self.long.minimise(start, 12, only_states=True)
+        residual = self.long.residual(fit.point).reshape(self.long.windows.measured.shape)
+        return float(1e3 * np.sqrt(np.mean((residual * self.sigma) ** 2)))
+
+    def report(
+        self, verdict: str, findings: list[dict[str, Any]], corrected: Variant, chi_square: float
+    ) -> dict[str, Any]:
+        """In the schema of the diagnosis, as far as a baseline can fill it."""
+        nominal = Variant(np.zeros_like(self.refitted.problem.spreads))
+        return {
+            "schema": "keycld.diagnosis/1",
+            "verdict": verdict,
+            "findings": findings,
+            "unexplained": {"significant": chi_square > EXPLAINED},
+            "fit": {
+                "unit": "mrad or mm",
+                "nominal": self.error(nominal),
+                "refitted": self.error(self.refitted.point.variant),
+                "corrected": self.error(corrected),
+            },
+            "details": {"chi_square": {"refitted": self.refitted.chi_square, "corrected": chi_square}},
+        }
+
+
+def finding(effect: str, family: str, kind: str, name: str, parameters: dict[str, Any]) -> dict[str, Any]:
+    """One effect that a baseline names; it knows no rivals."""
+    where = {"kind": kind, "name": name}
+    return {"effect": effect, "family": family, "where": where, "parameters": parameters, "rivals": []}
+
+
+def with_effects(variant: Variant, *effects: Effect) -> Variant:
+    """The refitted simulator with more physics."""
+    return Variant(variant.values, effects)

@@ -1,0 +1,99 @@
+"""What torque the refitted simulator lacks, from smoothed accelerations; and an effect that is a learnt torque."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
+from scipy.signal import savgol_filter
+
+from keycld_control.benchmarks.blind.baselines.common import Setup
+from keycld_envs.effects import Effect
+from keycld_envs.effects.base import Kind
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.inputs.windows import average_commands
+
+Array = NDArray[np.float64]
+SMOOTH = 0.15
+"""Seconds of the cubic polynomials that give speeds and accelerations (Savitzky and Golay, 1964)."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Of one recording, on an even grid, without its ends.
+
+    Attributes:
+        q: `[T, nv]` positions with the fitted zeros taken out.
+        v: `[T, nv]` velocities.
+        u: `[T, nu]` commands.
+        torque: `[T, nv]` that is missing, N m or N.
+    """
+
+    q: Array
+    v: Array
+    u: Array
+    torque: Array
+
+
+def missing_torque(setup: Setup, recording: Recording) -> Samples:
+    """By inverse dynamics of the refitted simulator."""
+    variant, simulator = setup.refitted.point.variant, setup.simulator
+    model = simulator.compile(variant)
+    data = mujoco.MjData(model)
+    zero = np.array([v for n, v in zip(simulator.nuisances, variant.values, strict=True) if n.kind == "zero"])
+    t, q = np.asarray(recording.t_state), np.asarray(recording.qpos) - zero
+    grid = np.arange(t[0], t[-1], setup.spacing)
+    q = np.stack([np.interp(grid, t[np.isfinite(y)], y[np.isfinite(y)]) for y in q.T], axis=1)
+    width = max(5, 2 * round(SMOOTH / setup.spacing / 2) + 1)
+    q, v, a = (np.asarray(savgol_filter(q, width, 3, deriv=d, delta=setup.spacing, axis=0), float) for d in range(3))
+    edges = np.append(grid, grid[-1] + setup.spacing) - 0.5 * setup.spacing
+    u, torque = average_commands(recording, edges), np.empty_like(q)
+    x = np.linspace(-1, 1, width + 2)[1:-1]
+    u = convolve1d(u, (1 - x**2) ** 2 / np.sum((1 - x**2) ** 2), axis=0)  # as the polynomials smooth accelerations
+    for k in range(len(grid)):
+        data.qpos[:], data.qvel[:], data.qacc[:], data.ctrl[:] = q[k], v[k], a[k], u[k]
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        torque[k] = data.qfrc_inverse - data.qfrc_actuator
+    inside = slice(width // 2, -(width // 2))
+    return Samples(q[inside], v[inside], u[inside], torque[inside])
+
+
+@dataclass(frozen=True, eq=False)
+class LearntTorque(Effect):
+    """Any function of positions, velocities and commands, `[..., nv]`, as a generalised force.
+
+    Attributes:
+        law: the function.
+        fastest: `[nv]` of the motion that it was learnt from; faster counts as this.
+        largest: `[nv]` torque there; more is cut off, so that a bad law cannot make rollouts infinite.
+    """
+
+    id: ClassVar[str] = "unknown"
+    family: ClassVar[str] = "unknown"
+    kind: ClassVar[Kind] = "world"
+    equation: ClassVar[str] = "tau = f(q, v, u)"
+
+    law: Callable[[Array, Array, Array], Array]
+    fastest: Array
+    largest: Array
+
+    @classmethod
+    def of(cls, law: Callable[[Array, Array, Array], Array], runs: Sequence[Samples]) -> Self:
+        """With the limits of what it was learnt from."""
+        fastest, largest = (
+            np.max([np.abs(z).max(axis=0) for z in (getattr(r, key) for r in runs)], axis=0) for key in ("v", "torque")
+        )
+        return cls("world", law, fastest, largest)
+
+    @classmethod
+    def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
+        """None: it is learnt, not searched for."""
+        return ()
+
+    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """The law, within its limits."""
+        return np.clip(self.law(q, np.clip(v, -self.fastest, self.fastest), u), -self.largest, self.largest)

@@ -1,0 +1,181 @@
+"""One case: everything drawn, and the recordings that it makes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_control.benchmarks.blind.excite import HABITS, drive, ticks_and_times
+from keycld_control.benchmarks.blind.mechanism import Array, Mechanism
+from keycld_control.benchmarks.blind.outside_strengths import OUTSIDE
+from keycld_control.benchmarks.blind.plan import Plan
+from keycld_control.benchmarks.blind.plant import Plant
+from keycld_control.benchmarks.blind.strengths import LIBRARY
+from keycld_control.benchmarks.blind.truth import Errors, draw_errors
+from keycld_envs.recordings import Recording
+from keycld_envs.systems import get_system
+
+TRAINING, HELD_OUT = 8, 4
+"""Recordings."""
+SECONDS = 4.0
+"""Of each."""
+FASTEST = 15.0
+"""Rad/s or m/s; faster runs are drawn again with less excitation."""
+MOVED = 0.3
+"""Rad or m that at least one joint must move in the training recordings."""
+SLOWER = 10
+"""Times that a run is drawn again."""
+STREAMS = ("drive", "mechanisms", "noise")
+
+
+@dataclass(frozen=True)
+class Signals:
+    """One run before noise.
+
+    Attributes:
+        t_action: `[Ta]` s.
+        action: `[Ta, nu]`.
+        t_state: `[Ts]` s.
+        true: `[Ts, nv]` positions that a perfect sensor would show, rad or m.
+        noise: `[Ts, nv]` encoders' zeros and noise.
+        level: of the excitation.
+        attempt: how often it was drawn before.
+    """
+
+    t_action: Array
+    action: Array
+    t_state: Array
+    true: Array
+    noise: Array
+    level: float
+    attempt: int
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is drawn once for all recordings of a case.
+
+    Attributes:
+        plan: what it is.
+        entropy: of everything drawn per recording.
+        errors: masses and lengths.
+        zero: `[nv]` of the encoders, rad or m.
+        noise: `[nv]` standard deviation of the sensors, rad or m.
+        rate: samples and commands per second.
+        jitter: clocks are irregular.
+        smooth: training commands are sums of sines rather than steps; held-out ones the reverse.
+        levels: of the excitation of each recording, training first.
+        mechanisms: what the simulator lacks.
+    """
+
+    plan: Plan
+    entropy: tuple[int, ...]
+    errors: Errors
+    zero: Array
+    noise: Array
+    rate: float
+    jitter: bool
+    smooth: bool
+    levels: Array
+    mechanisms: tuple[Mechanism, ...]
+
+    @cached_property
+    def plant(self) -> Plant:
+        """With everything."""
+        model = get_system(self.plan.system).compile()
+        self.errors.apply(model)
+        return Plant(model, self.mechanisms)
+
+    def with_only(self, mechanism: Mechanism) -> "Case":
+        """The same draws with one mechanism alone."""
+        return replace(self, mechanisms=(mechanism,))
+
+    def stream(self, run: int, attempt: int, name: str) -> np.random.Generator:
+        """Random numbers of one recording for one purpose."""
+        return np.random.default_rng([*self.entropy, run, attempt, STREAMS.index(name)])
+
+    def simulate(self, runs: Sequence[int]) -> list[Signals] | None:
+        """Those recordings; None if one stays too fast, or the training ones hardly move."""
+        out = []
+        for run in runs:
+            if (signals := self._run(run)) is None:
+                return None
+            out.append(signals)
+        moved = [np.ptp(s.true, axis=0).max() for run, s in zip(runs, out, strict=True) if run < TRAINING]
+        return out if not moved or max(moved) > MOVED else None
+
+    def _run(self, run: int) -> Signals | None:
+        habits, plan = HABITS[self.plan.system], self.plan
+        for attempt in range(SLOWER):
+            rng = self.stream(run, attempt, "drive")
+            level = float(self.levels[run]) * 0.85**attempt
+            ticks, times = ticks_and_times(self.rate, SECONDS, self.jitter, rng)
+            clock = ticks.astype(np.float64) / 1e3
+            smooth = self.smooth == (run < TRAINING)
+            chosen = drive(habits, plan.excitation, level, smooth, clock, self.noise, self.zero, rng)
+            path = self.plant.simulate(
+                chosen.q, chosen.v, ticks, chosen.controller, self.stream(run, attempt, "mechanisms"), SECONDS, FASTEST
+            )
+            if path is not None:
+                true = path.at(self.plant.seen(times))
+                noise = self.zero + self.stream(run, attempt, "noise").normal(0, self.noise, true.shape)
+                return Signals(clock, path.commands, times, true, noise, level, attempt)
+        return None
+
+
+def draw_case(plan: Plan, entropy: Sequence[int]) -> tuple[Case, list[Signals]]:
+    """Draw a case and simulate all its recordings; the numbers are drawn again while it is too fast or too still."""
+    model = get_system(plan.system).compile()
+    for attempt in range(50):
+        rng = np.random.default_rng([*entropy, attempt])
+        case = _draw(plan, (*entropy, attempt), model, rng)
+        if (signals := case.simulate(range(TRAINING + HELD_OUT))) is not None:
+            return case, signals
+    raise RuntimeError(f"No excitation suits {plan}.")
+
+
+def _draw(plan: Plan, entropy: tuple[int, ...], model: mujoco.MjModel, rng: np.random.Generator) -> Case:
+    driven, nv = plan.excitation != "passive", model.nv
+    errors = draw_errors(model, rng)
+    library = OUTSIDE if plan.category == "outside" else LIBRARY
+    level = np.exp(rng.uniform(np.log(2e-4), np.log(3e-3)))
+    return Case(
+        plan,
+        entropy,
+        errors,
+        zero=rng.normal(0, 0.01, nv),
+        noise=level * rng.uniform(0.8, 1.25, nv),
+        rate=float(rng.choice([50.0, 100.0])),
+        jitter=bool(rng.random() < 1 / 3),
+        smooth=bool(rng.random() < 0.5),
+        levels=_levels(rng),
+        mechanisms=tuple(library[name](site, rng, driven) for name, site in plan.parts),
+    )
+
+
+def _levels(rng: np.random.Generator) -> NDArray[np.float64]:
+    """Training between .35 and 1, held out around and above them."""
+    return np.concatenate([rng.permutation(np.linspace(0.35, 1.0, TRAINING)), rng.permutation([0.5, 0.8, 1.15, 1.3])])
+
+
+def recording(case: Case, run: int, signals: Signals) -> Recording:
+    """What anybody may see."""
+    declared = get_system(case.plan.system)
+    units = tuple("m" if joint.kind == "slide" else "rad" for joint in declared.joints)
+    return Recording(
+        id=f"{run + 1:02d}",
+        system=f"KeyCLD/{case.plan.system.capitalize()}-v0",
+        source="simulation",
+        joint_names=tuple(joint.name for joint in declared.joints),
+        actuator_names=declared.actuators,
+        units={"action": "1", "qpos": units},
+        licence="Apache-2.0",
+        origin="keycld blind",
+        t_action=signals.t_action,
+        action=signals.action,
+        t_state=signals.t_state,
+        qpos=signals.true + signals.noise,
+    )

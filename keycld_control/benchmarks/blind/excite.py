@@ -1,0 +1,159 @@
+"""How the mechanisms are moved: released, driven by commands drawn in advance, or by a noisy controller."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_control.benchmarks.blind.mechanism import Array
+from keycld_control.benchmarks.blind.plant import Controller
+
+Excitation = Literal["passive", "open_loop", "closed_loop"]
+EXCITATIONS: tuple[Excitation, ...] = ("passive", "open_loop", "closed_loop")
+LIMIT = 3.0
+"""Of commands; the environments' range."""
+
+
+@dataclass(frozen=True)
+class Habits:
+    """What suits a system.
+
+    Attributes:
+        rest: stable position of each joint, rad or m.
+        swing: positions from which to release, about the rest.
+        command: amplitude of commands.
+        stiffness: of the position controller, command per rad or m.
+        damping: of the position controller, command per rad/s or m/s.
+        target: how far from rest set points are.
+    """
+
+    rest: tuple[float, ...]
+    swing: tuple[float, ...]
+    command: tuple[float, ...]
+    stiffness: tuple[float, ...]
+    damping: tuple[float, ...]
+    target: tuple[float, ...]
+
+
+HABITS = {
+    "pendulum": Habits((np.pi,), (2.2,), (0.9,), (2.0,), (0.6,), (1.4,)),
+    "cartpole": Habits((0.0, np.pi), (0.5, 2.0), (0.6, 0.35), (2.0, 0.5), (1.2, 0.12), (0.6, 1.0)),
+    "acrobot": Habits((np.pi, 0.0), (1.4, 1.6), (2.6, 1.6), (5.0, 3.0), (2.5, 0.7), (0.6, 1.0)),
+}
+"""By short name."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One recording's start and commands.
+
+    Attributes:
+        q: `[nv]` positions to start from, rad or m.
+        v: `[nv]` velocities.
+        controller: of commands at ticks; it remembers, so that a drive is for one run.
+    """
+
+    q: Array
+    v: Array
+    controller: Controller
+
+
+def drive(
+    habits: Habits,
+    excitation: Excitation,
+    level: float,
+    smooth: bool,
+    times: Array,
+    noise: Array,
+    zero: Array,
+    rng: np.random.Generator,
+) -> Drive:
+    """Draw one.
+
+    Args:
+        habits: of the system.
+        excitation: kind.
+        level: of amplitudes, about one.
+        smooth: sums of sines instead of steps.
+        times: `[ticks]` s.
+        noise: `[nv]` standard deviation of the sensors, rad or m.
+        zero: `[nv]` of the encoders.
+        rng: of everything drawn.
+    """
+    rest, nv = np.array(habits.rest), len(habits.rest)
+    hold = {"passive": 1.0, "open_loop": 0.5, "closed_loop": 0.4}[excitation]
+    q = rest + np.array(habits.swing) * level * (hold * rng.choice([-1, 1], nv) * rng.uniform(0.4, 1.0, nv))
+    v = rng.normal(0, 0.5 * level, nv)
+    if excitation == "passive":
+        return Drive(q, v, _released(nv))
+    if excitation == "open_loop":
+        table = (_sines if smooth else _steps)(times, np.array(habits.command) * level, rng)
+        return Drive(q, v, _from_table(np.clip(table, -LIMIT, LIMIT)))
+    goals = rest + (_sines if smooth else _long_steps)(times, np.array(habits.target) * level, rng)
+    dither = _steps(times, 0.25 * np.array(habits.command), rng)
+    readings = rng.normal(0, noise, (len(times), nv)) + zero
+    return Drive(q, v, _position_controller(habits, times, goals, dither, readings))
+
+
+def _released(size: int) -> Controller:
+    still = np.zeros(size)
+    return lambda tick, q: still
+
+
+def _from_table(table: Array) -> Controller:
+    return lambda tick, q: table[tick]
+
+
+def _position_controller(habits: Habits, times: Array, goals: Array, dither: Array, readings: Array) -> Controller:
+    """Proportional and derivative, with the speed from filtered differences of noisy readings."""
+    stiffness, damping = np.array(habits.stiffness), np.array(habits.damping)
+    last, speed = np.empty(0), np.zeros(goals.shape[1])
+
+    def command(tick: int, q: Array) -> Array:
+        nonlocal last, speed
+        y = q + readings[tick]
+        if len(last):
+            step = float(times[tick] - times[tick - 1])
+            share = step / (step + 0.02)
+            speed = speed + share * ((y - last) / step - speed)
+        last = y
+        return np.clip(stiffness * (goals[tick] - y) - damping * speed + dither[tick], -LIMIT, LIMIT)
+
+    return command
+
+
+def _held(shortest: float, longest: float) -> Callable[[Array, Array, np.random.Generator], Array]:
+    def draw(times: Array, size: Array, rng: np.random.Generator) -> Array:
+        out = np.empty((len(times), len(size)))
+        for j, amplitude in enumerate(size):
+            edges = np.cumsum(rng.uniform(shortest, longest, int(times[-1] / shortest) + 2))
+            values = rng.uniform(-amplitude, amplitude, len(edges) + 1)
+            out[:, j] = values[np.searchsorted(edges, times, side="right")]
+        return out
+
+    return draw
+
+
+_steps, _long_steps = _held(0.1, 0.4), _held(0.6, 1.4)
+
+
+def _sines(times: Array, size: Array, rng: np.random.Generator) -> Array:
+    """Five sines between .2 and 3 Hz, of equal size in the mean square."""
+    rate = 2 * np.pi * np.exp(rng.uniform(np.log(0.2), np.log(3.0), (5, 1, len(size))))
+    phase = rng.uniform(0, 2 * np.pi, rate.shape)
+    return np.sin(rate * times[:, None] + phase).sum(axis=0) * size / np.sqrt(7.5)
+
+
+def ticks_and_times(
+    rate: float, seconds: float, jitter: bool, rng: np.random.Generator
+) -> tuple[NDArray[np.int64], Array]:
+    """Steps (ms) at which commands change, and times (s) of samples; with jitter neither is regular."""
+    number, period = round(rate * seconds), 1 / rate
+    times: Array = np.arange(number, dtype=np.float64) * period
+    ticks = np.round(times * 1e3).astype(np.int64)
+    if jitter:
+        ticks[1:] += rng.integers(-1, 2, number - 1)
+        times = np.clip(times + rng.uniform(-0.12, 0.12, number) * period, 0.0, None)
+    return ticks, times

@@ -1,0 +1,93 @@
+"""How visible an effect is: what its true form gains in log-likelihood over the simulator with its nuisances refitted.
+
+The one module of the generator that knows the diagnosis: of it, only the refit of masses, lengths, encoder zeros and
+initial states, on the windows that it cuts. Nothing that is graded here changes a recording.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from keycld_control.benchmarks.blind.case import TRAINING, Case, Signals, recording
+from keycld_control.benchmarks.blind.mechanism import Array
+from keycld_model.diagnosis.diagnose import WINDOWS
+from keycld_model.diagnosis.estimation.fit import Problem
+from keycld_model.diagnosis.inputs.prepare import SAMPLES, thin
+from keycld_model.diagnosis.inputs.source import Source
+from keycld_model.diagnosis.inputs.windows import Windows, cut
+from keycld_model.diagnosis.simulation.simulator import Simulator
+
+Grade = Literal["hidden", "marginal", "clear"]
+MARGINAL, CLEAR = 3.0, 10.0
+"""Nats."""
+GLANCE, OBVIOUS = 20, 100.0
+"""Windows looked at first, and nats that are enough there."""
+STEP = 0.01
+"""Greatest step of the simulator, s, of which samples are a whole number apart."""
+
+
+def grade(nats: float) -> Grade:
+    """In words."""
+    return "clear" if nats > CLEAR else "marginal" if nats >= MARGINAL else "hidden"
+
+
+def gain(case: Case, signals: Sequence[Signals]) -> float:
+    """Nats that the true form gains over the refitted simulator on the training recordings.
+
+    The refit is to positions without noise. Half the sum of squares that it leaves, over the noise's variance, is what
+    the truth is expected to gain; the prior of the refitted nuisances counts too, less that of the true ones, so that
+    an effect hides behind a mass only as far as masses are uncertain. If a few windows leave more than `OBVIOUS`,
+    that is returned, a lower bound: more windows cannot leave less.
+    """
+    simulator = _simulator(case.plan.system, 1 / case.rate / np.ceil(1 / case.rate / (STEP + 1e-4)))
+    runs = enumerate(signals[:TRAINING])
+    clean = [recording(case, run, replace(s, noise=np.broadcast_to(case.zero, s.true.shape))) for run, s in runs]
+    windows = cut([thin(r) for r in clean], simulator.step, SAMPLES)
+    few = _left(case, simulator, windows, GLANCE, iterations=8)
+    return few if few > OBVIOUS else _left(case, simulator, windows, WINDOWS, iterations=15)
+
+
+def _left(case: Case, simulator: Simulator, windows: Windows, number: int, iterations: int) -> float:
+    """Nats that a refit to at most a number of windows leaves."""
+    if len(windows) > number:
+        windows = windows.take(np.linspace(0, len(windows) - 1, number).round().astype(int))
+    problem = Problem(simulator, windows, case.noise)
+    fit = problem.minimise(problem.start(), iterations)
+    prior = np.sum((fit.point.variant.values / problem.spreads) ** 2 - (_true(case, simulator) / problem.spreads) ** 2)
+    return float(0.5 * (np.sum(problem.residual(fit.point) ** 2) + prior))
+
+
+def _true(case: Case, simulator: Simulator) -> Array:
+    """The nuisances as they are."""
+    model, errors = simulator.model, {"mass": case.errors.mass, "length": case.errors.length}
+    return np.array(
+        [
+            case.zero[n.index] if n.kind == "zero" else np.log(errors[n.kind][model.body(n.index).name])
+            for n in simulator.nuisances
+        ]
+    )
+
+
+def gains(case: Case, signals: Sequence[Signals]) -> tuple[float, list[float]]:
+    """Nats of all mechanisms together, and of each.
+
+    In a set, each is graded by injecting it alone into the same plant with the same starts, commands and noise: what it
+    would gain if nothing else were missing. Refits with the others present would need their exact forms.
+    """
+    together = gain(case, signals)
+    if len(case.mechanisms) < 2:
+        return together, [together] * len(case.mechanisms)
+    singles = []
+    for mechanism in case.mechanisms:
+        alone = case.with_only(mechanism)
+        runs = alone.simulate(range(TRAINING))
+        singles.append(together if runs is None else gain(alone, runs))
+    return together, singles
+
+
+@lru_cache(maxsize=8)
+def _simulator(system: str, step: float) -> Simulator:
+    return Simulator(Source.of_environment(system).model, step, threads=1)

@@ -1,0 +1,140 @@
+"""Whether a report says what is true."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import zip_longest
+from typing import Any
+
+from keycld_control.benchmarks.blind.sites import sites
+
+Key = tuple[str, str]
+"""Effect, and its joint; "*" where it has none."""
+SMALL = 0.5
+"""Rad or m of motion below which a spring is a constant force."""
+
+
+def joint_of(system: str, where: Mapping[str, str]) -> str:
+    """The joint that a place means: a joint, its motor, or the body that it moves; "*" for the world and sensors."""
+    if where.get("kind") in ("world", "sensor", "camera"):
+        return "*"
+    field = {"actuator": "motor", "body": "body"}.get(str(where.get("kind")), "name")
+    return next((s.name for s in sites(system) if getattr(s, field) == where.get("name")), str(where.get("name")))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A case's answer, and what a method reported.
+
+    Attributes:
+        answer: of `answers.json`.
+        result: of the method's folder; its report is None where the method failed.
+    """
+
+    answer: Mapping[str, Any]
+    result: Mapping[str, Any]
+
+    @property
+    def report(self) -> Mapping[str, Any]:
+        """Empty if the method failed."""
+        return self.result["report"] or {}
+
+    @cached_property
+    def truth(self) -> tuple[Key, ...]:
+        """What is missing."""
+        return tuple((t["effect"], joint_of(self.answer["system"], t["where"])) for t in self.answer["truth"])
+
+    @cached_property
+    def said(self) -> tuple[Key, ...]:
+        """What the report names."""
+        findings = self.report.get("findings", ())
+        return tuple((f["effect"], joint_of(self.answer["system"], f["where"])) for f in findings)
+
+    @property
+    def verdict(self) -> str:
+        """Of the report, or "failed"."""
+        return self.report.get("verdict", "failed")
+
+    @property
+    def clear(self) -> bool:
+        """All that is missing can be seen."""
+        return bool(self.answer["truth"]) and all(t["grade"] == "clear" for t in self.answer["truth"])
+
+    @property
+    def named(self) -> bool:
+        """All effects and no other."""
+        return sorted(e for e, _ in self.said) == sorted(e for e, _ in self.truth)
+
+    @property
+    def placed(self) -> bool:
+        """All places and no other, whatever the effects are called."""
+        return sorted(j for _, j in self.said) == sorted(j for _, j in self.truth)
+
+    @property
+    def right(self) -> bool:
+        """All effects at their places and nothing else."""
+        return sorted(self.said) == sorted(self.truth)
+
+    @property
+    def returned(self) -> list[set[Key]]:
+        """For every finding, the finding and its rivals."""
+        out = []
+        for finding, (effect, joint) in zip(self.report.get("findings", ()), self.said, strict=True):
+            others = zip_longest(finding.get("rivals", ()), finding.get("rivals_where", ()))
+            rivals = {_rival(str(r), at, joint, self.answer["system"]) for r, at in others}
+            out.append({(effect, joint), *rivals})
+        return out
+
+    @property
+    def among_rivals(self) -> bool:
+        """The one thing that is missing is the one finding, or among its rivals, by name."""
+        return len(self.returned) == 1 and self.truth[0][0] in {effect for effect, _ in self.returned[0]}
+
+    @property
+    def says_outside(self) -> bool:
+        """Something is missing that no effect explains."""
+        unexplained = self.report.get("unexplained", {}).get("significant", False)
+        return any(e == "unknown" for e, _ in self.said) or (
+            unexplained and self.verdict not in ("no_mismatch", "failed")
+        )
+
+    def error(self, name: str) -> float | None:
+        """A held-out error of the report; None if it has none."""
+        value = self.report.get("fit", {}).get(name)
+        return None if value is None else float(value)
+
+    @property
+    def recovery(self) -> float | None:
+        """(refitted - corrected)/(refitted - oracle); None without errors, or with nothing to recover.
+
+        A case with pushes has none either: those of the held-out recordings come at times that nobody can predict.
+        """
+        refitted, corrected, oracle = self.error("refitted"), self.error("corrected"), self.answer["oracle"]["value"]
+        pushed = any(t["effect"] == "external_pulse" for t in self.answer["truth"])
+        if refitted is None or corrected is None or pushed or refitted < 1.05 * oracle:
+            return None
+        return (refitted - corrected) / (refitted - oracle)
+
+    @cached_property
+    def aliases(self) -> frozenset[str]:
+        """Effects that recordings like these cannot tell from the one that is missing, itself among them."""
+        if self.answer["category"] != "one":
+            return frozenset()
+        effect, system = self.answer["truth"][0]["effect"], self.answer["system"]
+        classes = []
+        if system == "pendulum":  # one joint, one motor
+            classes = [
+                frozenset({"actuator_gain", "added_inertia", "clock_drift"}),
+                frozenset({"sensor_latency", "actuator_delay"}),
+            ]
+        index = [s.name for s in sites(system)].index(self.answer["truth"][0]["joint"])
+        if self.answer["moved"][index] < SMALL:
+            classes.append(frozenset({"spring", "constant_force"}))
+        return next((c for c in classes if effect in c), frozenset())
+
+
+def _rival(effect: str, where: Mapping[str, str] | None, joint: str, system: str) -> Key:
+    """A rival, at the same joint if no place is named."""
+    if effect in ("gravity_tilt", "base_motion", "sensor_latency", "clock_drift"):
+        return effect, "*"
+    return effect, joint if where is None else joint_of(system, where)

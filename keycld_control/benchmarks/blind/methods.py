@@ -1,0 +1,43 @@
+"""What can be benchmarked: functions of recordings, held-out recordings and a simulator that return a report."""
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any
+
+import mujoco
+
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import Recording
+
+Method = Callable[[Sequence[Recording], Sequence[Recording], mujoco.MjModel], dict[str, Any]]
+"""The report has the fields of `keycld.diagnosis/1` that it can fill: verdict, findings, unexplained, fit."""
+METHODS = {
+    "diagnose": "keycld_control.benchmarks.blind.methods:diagnose",
+    "refit": "keycld_control.benchmarks.blind.baselines.refit:refit",
+    "greedy": "keycld_control.benchmarks.blind.baselines.greedy:greedy",
+    "sindy": "keycld_control.benchmarks.blind.baselines.sindy:sindy",
+    "neural": "keycld_control.benchmarks.blind.baselines.neural:neural",
+}
+"""Where each is, by name; a place of one's own is "module:function" too."""
+
+
+def get_method(name: str) -> Method:
+    """A registered method, or one of your own as "module:function".
+
+    Raises:
+        InputError: if there is none.
+    """
+    module, _, function = METHODS.get(name, name).partition(":")
+    try:
+        return getattr(import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(
+            f"There is no method {name!r} ({error}); choose one of {', '.join(METHODS)}, or module:function."
+        ) from error
+
+
+def diagnose(training: Sequence[Recording], held_out: Sequence[Recording], model: mujoco.MjModel) -> dict[str, Any]:
+    """The diagnosis that is measured."""
+    from keycld_model import diagnosis
+
+    return diagnosis.diagnose(training, model, held_out).to_dict()

@@ -1,0 +1,112 @@
+"""What the cases are, before any number is drawn: the mix, spread evenly over effects, places and excitations."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from keycld_control.benchmarks.blind.excite import EXCITATIONS, Excitation
+from keycld_control.benchmarks.blind.outside_strengths import OUTSIDE, possible
+from keycld_control.benchmarks.blind.sites import SYSTEMS, Site, sites
+from keycld_control.benchmarks.blind.strengths import DRIVEN, GLOBAL, LIBRARY
+
+Category = Literal["null", "one", "two", "three", "outside"]
+MIX: dict[Category, float] = {"null": 0.25, "one": 0.35, "two": 0.2, "three": 0.05, "outside": 0.15}
+"""Shares of all cases."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One case.
+
+    Attributes:
+        category: of the mix.
+        system: short name.
+        excitation: kind.
+        parts: effects of the taxonomy, or one kind outside it, and where.
+    """
+
+    category: Category
+    system: str
+    excitation: Excitation
+    parts: tuple[tuple[str, Site], ...] = ()
+
+
+def plan(cases: int, seed: int) -> list[Plan]:
+    """All cases in the order of their numbers, which tells nothing."""
+    rng = np.random.default_rng([seed, 0])
+    counts = {c: round(share * cases) for c, share in MIX.items() if c != "one"}
+    one = cases - sum(counts.values())
+    out = _nulls(counts["null"], rng) + _singles(one, rng) + _outside(counts["outside"], rng)
+    out += _sets("two", 2, counts["two"], rng) + _sets("three", 3, counts["three"], rng)
+    return [out[i] for i in rng.permutation(len(out))]
+
+
+def mix(plans: Sequence[Plan]) -> dict[str, int]:
+    """How many there are of each category."""
+    return dict(Counter(p.category for p in plans))
+
+
+def _endless(items: Sequence[T], rng: np.random.Generator) -> Iterator[T]:
+    """All of them in random order, again and again."""
+    while True:
+        yield from (items[i] for i in rng.permutation(len(items)))
+
+
+def _nulls(number: int, rng: np.random.Generator) -> list[Plan]:
+    kinds = _endless([Plan("null", s, e) for s in SYSTEMS for e in EXCITATIONS], rng)
+    return [next(kinds) for _ in range(number)]
+
+
+def _excitations(driven: bool) -> tuple[Excitation, ...]:
+    return EXCITATIONS[1:] if driven else EXCITATIONS
+
+
+def _places(effect: str) -> list[Site]:
+    """Where one effect can be; effects without a joint of their own once per system."""
+    return [s for system in SYSTEMS for s in sites(system)[: 1 if effect in GLOBAL else None]]
+
+
+def _singles(number: int, rng: np.random.Generator) -> list[Plan]:
+    places = {effect: _endless(_places(effect), rng) for effect in LIBRARY}
+    moves = {driven: _endless(_excitations(driven), rng) for driven in (False, True)}
+    effects = _endless(list(LIBRARY), rng)
+    out = []
+    for _ in range(number):
+        effect = next(effects)
+        site = next(places[effect])
+        out.append(Plan("one", site.system, next(moves[effect in DRIVEN]), ((effect, site),)))
+    return out
+
+
+def _sets(category: Category, size: int, number: int, rng: np.random.Generator) -> list[Plan]:
+    """Different effects on one system; at most one of them between a motor and its joint."""
+    systems = _endless(SYSTEMS, rng)
+    effects, out = _endless(list(LIBRARY), rng), []
+    while len(out) < number:
+        chosen: list[str] = []
+        while len(chosen) < size:
+            effect = next(effects)
+            between = effect in ("backlash", "joint_flexibility")
+            if effect not in chosen and not (between and {"backlash", "joint_flexibility"} & set(chosen)):
+                chosen.append(effect)
+        system = next(systems)
+        kinds = _excitations(any(effect in DRIVEN for effect in chosen))
+        where = sites(system)
+        parts = tuple((e, where[0 if e in GLOBAL else int(rng.integers(len(where)))]) for e in chosen)
+        out.append(Plan(category, system, kinds[int(rng.integers(len(kinds)))], parts))
+    return out
+
+
+def _outside(number: int, rng: np.random.Generator) -> list[Plan]:
+    kinds, out = _endless(list(OUTSIDE), rng), []
+    moves = {driven: _endless(_excitations(driven), rng) for driven in (False, True)}
+    places = {k: _endless([s for y in SYSTEMS for s in sites(y) if possible(k, s, True)], rng) for k in OUTSIDE}
+    for _ in range(number):
+        kind = next(kinds)
+        site = next(places[kind])
+        out.append(Plan("outside", site.system, next(moves[kind == "efficiency"]), ((kind, site),)))
+    return out

@@ -1,0 +1,91 @@
+"""Runs a method on every case, without ever opening the answers."""
+
+import json
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from keycld_control.benchmarks.blind.make import SCHEMA, name
+from keycld_control.benchmarks.blind.methods import METHODS, get_method
+from keycld_envs.errors import InputError
+from keycld_envs.files import atomic_file
+from keycld_envs.progress import progress
+from keycld_envs.recordings import read_dataset
+from keycld_envs.workers import each
+from keycld_model.diagnosis.inputs.source import Source
+
+
+def run(out: Path, method: str = "diagnose", workers: int = 1, ray: str | None = None) -> dict[str, Any]:
+    """Report on all cases that have no report yet.
+
+    Args:
+        out: folder of the benchmark.
+        method: name or "module:function", see `methods`.
+        workers: processes.
+        ray: address of a Ray cluster to do it on instead.
+
+    Returns:
+        How many cases there are, were run now, and failed.
+
+    Raises:
+        InputError: if the folder holds no complete benchmark, or there is no such method.
+    """
+    manifest, folder = read_manifest(out), reports(out, method)
+    get_method(method)
+    todo = [i for i in range(manifest["cases"]) if not (folder / f"{name(i)}.json").is_file()]
+    with progress("Running", total=manifest["cases"]) as advance:
+        advance(manifest["cases"] - len(todo))
+        for _ in each(partial(_run, out.resolve(), method), todo, workers, ray):
+            advance()
+    done = [json.loads((folder / f"{name(i)}.json").read_text(encoding="utf-8")) for i in range(manifest["cases"])]
+    failed = [r["case"] for r in done if r["failure"] is not None]
+    return {"method": method, "cases": len(done), "run": len(todo), "failed": failed, "reports": str(folder)}
+
+
+def reports(out: Path, method: str) -> Path:
+    """Folder of a method's reports."""
+    return out / ("reports" if method == "diagnose" else f"reports-{method.replace(':', '.')}")
+
+
+def read_manifest(out: Path) -> dict[str, Any]:
+    """Of a complete benchmark.
+
+    Raises:
+        InputError: if there is none.
+    """
+    path = out / "manifest.json"
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is missing or damaged; `keycld blind make {out}` completes a benchmark.") from error
+    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
+        raise InputError(f"{path} has not the schema {SCHEMA!r}; make the benchmark anew with this version of keycld.")
+    return manifest
+
+
+def _run(out: Path, method: str, index: int) -> None:
+    """One case; an error of the method is its answer, not the end of the run."""
+    folder = out / "cases" / name(index)
+    training = read_dataset(folder / "training").recordings
+    held_out = read_dataset(folder / "held_out").recordings
+    model = Source.of(None, training[0].system).model
+    wall, cpu, report, failure = time.perf_counter(), time.process_time(), None, None
+    try:
+        report = get_method(method)(training, held_out, model)
+    except Exception as error:
+        failure = f"{type(error).__name__}: {error}"
+    result = {
+        "case": name(index),
+        "method": method,
+        "wall_s": time.perf_counter() - wall,
+        "cpu_s": time.process_time() - cpu,
+        "failure": failure,
+        "report": report,
+    }
+    with atomic_file(reports(out, method) / f"{name(index)}.json", "w") as file:
+        json.dump(result, file, indent=1)
+        file.write("\n")
+
+
+__all__ = ["METHODS", "read_manifest", "reports", "run"]

@@ -1,0 +1,1 @@
+"""Recordings, checked, and cut into windows with noise and clocks known."""

@@ -1,0 +1,1 @@
+"""Words, files and pages for people."""

@@ -1,0 +1,147 @@
+"""Words and numbers for people."""
+
+import json
+from dataclasses import fields
+from math import floor, isfinite, log10
+
+from keycld_envs.effects import Effect
+from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors
+
+_NAMES = {
+    "coulomb_friction": "Coulomb friction",
+    "stribeck_friction": "Stribeck friction",
+    "unknown": "Unknown physics",
+}
+_COUNTABLE = {
+    "actuator_dead_zone", "actuator_delay", "actuator_gain", "actuator_lag", "constant_force", "end_stop",
+    "external_pulse", "gravity_tilt", "spring",
+}  # fmt: skip
+
+
+def effect_name(effect: str) -> str:
+    """Of an id: "Coulomb friction"."""
+    return _NAMES.get(effect, effect.replace("_", " ").capitalize())
+
+
+def call(effect: Effect) -> str:
+    """Python that makes an effect: `CoulombFriction("elbow", c=0.0503)`; "..." for what is no number."""
+    values = [(f.name, getattr(effect, f.name)) for f in fields(effect) if f.name != "where"]
+    numbers = [f"{name}={value:.5g}" if isinstance(value, int | float) else f"{name}=..." for name, value in values]
+    return f"{type(effect).__name__}({', '.join([json.dumps(effect.where), *numbers])})"
+
+
+def spelled_out(effect: Effect) -> bool:
+    """All of an effect is in its `call`; a fitted function is not."""
+    return all(isinstance(getattr(effect, f.name), int | float | str) for f in fields(effect))
+
+
+def unit(text: str) -> str:
+    """As printed: "N m s/rad" is "N·m·s/rad", "1" is nothing."""
+    return "" if text == "1" else text.replace(" ", "·").replace("^2", "²").replace("of·the·", "of the ")
+
+
+def decimals(spread: float) -> int:
+    """Digits after the point that a number with this uncertainty has: two of it if it begins with 1, else one."""
+    if not (isfinite(spread) and spread > 0):
+        return 4
+    exponent = floor(log10(spread))
+    return max(0, (1 if spread / 10.0**exponent < 1.95 else 0) - exponent)
+
+
+def measured(estimate: Estimate) -> str:
+    """A number, its 90 % interval and its unit: "0.0503 ± 0.0008 N·m"."""
+    spread = (estimate.high - estimate.low) / 2
+    digits = decimals(spread)
+    middle = abs(estimate.high + estimate.low - 2 * estimate.value) <= 0.2 * (estimate.high - estimate.low)
+    interval = f"± {spread:.{digits}f}"
+    if not middle:
+        interval = f"({estimate.low:.{digits}f} to {estimate.high:.{digits}f})"
+    return " ".join(x for x in (f"{estimate.value:.{digits}f}", interval, unit(estimate.unit)) if x)
+
+
+def error(value: float) -> str:
+    """An error with three digits."""
+    if not value or not isfinite(value):
+        return f"{value:g}"
+    return f"{value:.{max(0, 2 - floor(log10(abs(value))))}f}"
+
+
+def in_sentence(effect: str) -> str:
+    """The name of an effect inside a sentence: "Coulomb friction", "a spring"."""
+    name = effect_name(effect)
+    name = name if name.startswith(("Coulomb", "Stribeck")) else name[0].lower() + name[1:]
+    if effect not in _COUNTABLE:
+        return name
+    return f"an {name}" if name[0] in "aeiou" else f"a {name}"
+
+
+def place(finding: Finding) -> str:
+    """Where: "the elbow", "joint hinge_1", "the surroundings"."""
+    kind, name = finding.where["kind"], finding.where["name"]
+    if kind in ("world", "sensor", "camera"):
+        return "the surroundings" if kind == "world" else f"the {kind}"
+    word = kind == "joint" and name.isalpha() and len(name) > 2
+    return f"the {name}" if word else f"{kind} {name}"
+
+
+def experiment(proposed: Experiment) -> str:
+    """What to record next, a sentence or two."""
+    others = " and ".join(map(rival, proposed.against))
+    if not proposed.decisive:
+        return (
+            f"No motion that was tried out in simulation would tell these findings from {others}: positions of these "
+            "joints hardly can. Measure something else, such as the motor's current, or accept either."
+        )
+    what = proposed.action.replace("it ", f"{proposed.where['kind']} {proposed.where['name']} ", 1)
+    start = ", ".join(f"{name} {value:.3g}" for name, value in proposed.start.items())
+    return (
+        f"To tell these findings from {others}, {what}, starting at rest at {start}. Expected to tell them apart by "
+        f"{proposed.nats:.0f} nats (10 are clear)."
+    )
+
+
+def rival(text: str) -> str:
+    """As a report has it, for people: "a spring at elbow"."""
+    name, at, where = text.partition(" at ")
+    return f"{in_sentence(name)}{at}{where}" if name != "nothing" else name
+
+
+def headline(verdict: str, findings: list[Finding], errors: FitErrors, unit: str, message: str) -> str:
+    """The first sentence of a page.
+
+    Args:
+        verdict: of a report.
+        findings: of the report.
+        errors: of the report.
+        unit: of the errors.
+        message: of what stays unexplained.
+    """
+    if not findings:
+        if message:
+            return f"No effect of the library explains what differs. {message}"
+        return "Nothing is missing. With masses, lengths and encoder zeros refitted, only noise is left."
+    what = _few(findings) if len(findings) < 3 else _many(findings)
+    lacks = "lacks" if verdict == "mismatch" else "may lack"
+    what = f"{what} that the simulator {lacks}" if len(findings) < 3 else f"The simulator {lacks} {what}"
+    verb = "falls" if errors.corrected < errors.refitted else "goes"
+    return (
+        f"{what[0].upper()}{what[1:]}; held-out error {verb} from {error(errors.refitted)} to "
+        f"{error(errors.corrected)} {unit}."
+    )
+
+
+def _few(findings: list[Finding]) -> str:
+    parts = []
+    for finding in findings:
+        estimates = list(finding.parameters.values())
+        size = f" of {measured(estimates[0])}" if len(estimates) == 1 else ""
+        verb = "have" if finding.where["kind"] == "world" else "has"
+        parts.append(f"{place(finding)} {verb} {in_sentence(finding.effect)}{size}")
+    return ", and ".join(parts)
+
+
+def _many(findings: list[Finding]) -> str:
+    parts = [in_sentence(f.effect) + ("" if f.where["kind"] == "world" else f" at {place(f)}") for f in findings[:4]]
+    rest = len(findings) - len(parts)
+    last = f"{rest} more" if rest else parts.pop()
+    return f"{', '.join(parts)}, and {last}"

@@ -1,0 +1,1 @@
+"""Which effects explain what the refitted simulator cannot."""

@@ -1,0 +1,241 @@
+"""Fits a force without a name, where no named effect suffices."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.effects import Effect
+from keycld_model.diagnosis.estimation.fit import Fit, Problem
+from keycld_model.diagnosis.estimation.replay import replay
+from keycld_model.diagnosis.inputs.windows import Windows
+from keycld_model.diagnosis.simulation.simulator import usual_forces
+from keycld_model.rigid_body.residual_force import Features, ResidualForce
+
+Array = NDArray[np.float64]
+PIECE = 5
+"""Samples over which the missing force is taken as constant while weights are fitted."""
+WIDTHS = (0.5, 1.0, 2.0)
+"""Inverse length scales that are tried, in standard deviations of the inputs."""
+COUPLINGS = (1.0, 30.0, 1e6)
+"""How much more it takes for a force to depend on more than one joint."""
+DRIVINGS = (1.0, 1e6)
+"""How much more it takes for a motor's to depend on positions."""
+RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+"""Prior precisions of weights that are tried, in units of the forces' own."""
+ROUNDS = 8
+TOLERANCE = 0.5
+"""Nats that a round must gain for another one."""
+CHOICES = 2
+"""Times that features and their prior are chosen."""
+FAR, SHORTER = 30.0, 4
+"""Variance over the sensor's from which windows are first cut into so many."""
+ROUNDING = 1e-11
+"""Relative; what sums of squares may be off by."""
+SETTLE = 12
+"""Gauss-Newton steps of initial states of longer windows."""
+
+
+def fit_residual_force(fit: Fit, rounds: int = ROUNDS, seed: int = 0) -> Fit:
+    """Add the force that explains most of what a fit leaves, nuisances refitted beside it.
+
+    Of several widths and priors the most probable are taken; again near the end, where rollouts are nearly linear in
+    the force. Where they are far from that, the force is first fitted on shorter windows. Without one that fits better,
+    the fit comes back as it is.
+    """
+    start = fit
+    if fit.chi_square > FAR:
+        short = replace(fit.problem, windows=fit.problem.windows.shorter(SHORTER))
+        start = replay(fit.problem, _added(replay(short, fit), fit.effects, rounds, seed), SETTLE)
+    best = _added(start, fit.effects, rounds, seed)
+    return best if best.cost < fit.cost else fit
+
+
+def _added(start: Fit, named: Sequence[Effect], rounds: int, seed: int) -> Fit:
+    """With a force beside named effects, fitted from a start that may have one."""
+    model, paths = start.problem.simulator.model, _paths(start)
+    hinge = np.array([model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in range(model.njnt)])
+    drawn = [Features.draw(hinge, *paths, width, seed) for width in WIDTHS]
+    none = np.zeros((drawn[0](*paths).shape[-1], model.nv))
+    drivings = DRIVINGS if np.any(paths[2]) else DRIVINGS[-1:]
+    priors = list(itertools.product(RIDGES, COUPLINGS, drivings))
+    choices = [ResidualForce("", f, none, f.precision(*prior)) for f in drawn for prior in priors]
+    best = start
+    for _ in range(CHOICES):
+        normal = _Normal.at(best)
+        force = choices[int(normal.evidence(choices).argmax())]
+        weights, values = normal.solve(force)
+        new = _descend(_moved(best, named, replace(force, weights=weights), values), rounds)
+        if new.cost > best.cost - TOLERANCE:
+            break
+        best = new
+    return best
+
+
+def lengthened(fit: Fit, problem: Problem, rounds: int = ROUNDS) -> Fit:
+    """A fit with a residual force, fitted on to longer windows of the same recordings, in which errors pile up.
+
+    The force is then at the joint where it explains most.
+    """
+    return _placed(replay(fit.problem, _descend(replay(problem, fit, SETTLE), rounds)))
+
+
+def residual_force_of(fit: Fit) -> ResidualForce | None:
+    """The residual force, which is the last of a fit's effects."""
+    last = fit.effects[-1] if fit.effects else None
+    return last if isinstance(last, ResidualForce) else None
+
+
+def _moved(fit: Fit, named: Sequence[Effect], force: ResidualForce, values: Array) -> Fit:
+    """A fit with another force and nuisances, and states fitted to them."""
+    point = fit.point.with_effects(*named, force)
+    return fit.problem.minimise(replace(point, variant=replace(point.variant, values=values)), 3, only_states=True)
+
+
+def _placed(fit: Fit) -> Fit:
+    """With its residual force at the joint where it explains most."""
+    force = residual_force_of(fit)
+    if force is None:
+        return fit
+    where = int(_Normal.at(fit).worth(force).argmax())
+    there = replace(force, where=fit.problem.simulator.model.joint(where).name)
+    return replace(fit, point=fit.point.with_effects(*fit.effects[:-1], there))
+
+
+def _descend(fit: Fit, rounds: int) -> Fit:
+    """Gauss-Newton on the weights of a fit's residual force; the prior stays as it is."""
+    scale = usual_forces(fit.problem.simulator.model)
+    for _ in range(rounds):
+        force, old = residual_force_of(fit), fit.point.variant.values
+        if force is None:
+            break
+        weights, values = _Normal.at(fit).solve(force)
+        for fraction in (1.0, 0.5, 0.2, 0.1):
+            tried = replace(force, weights=force.weights + fraction * (weights - force.weights))
+            new = _moved(fit, fit.effects[:-1], tried, old + fraction * (values - old))
+            if new.cost + tried.penalty(scale) < fit.cost + force.penalty(scale) - TOLERANCE:
+                break
+        else:
+            break
+        fit = new
+    return fit
+
+
+def _parts(windows: Windows) -> int:
+    """Pieces over which the missing force is taken as constant while weights are fitted."""
+    return max(1, windows.time.shape[1] // PIECE)
+
+
+def _paths(fit: Fit) -> tuple[Array, Array, Array]:
+    """Positions, velocities and commands in the middle of the pieces, `[W, B, ...]`."""
+    problem, point = fit.problem, fit.point
+    q, v, u = problem.simulator.roll([point.variant], np.zeros(1, int), problem.windows, point.q[None], point.v[None])
+    edges = problem.windows.edges(_parts(problem.windows))
+    middle = (edges[1:] + edges[:-1]) // 2
+    return q[0][:, middle], v[0][:, middle], u[0][:, middle]
+
+
+@dataclass(frozen=True)
+class _Normal:
+    """Normal equations of nuisances and of forces `[B * nv]` per piece and joint, per window, states eliminated.
+
+    Attributes:
+        matrices: `[W, n + B * nv, n + B * nv]`.
+        vectors: `[W, n + B * nv]`.
+        prior: `[n]` precisions of nuisances.
+        paths: see `_paths`.
+        scale: `[nv]` usual force at each joint, N m or N.
+    """
+
+    matrices: Array
+    vectors: Array
+    prior: Array
+    paths: tuple[Array, Array, Array]
+    scale: Array
+
+    @classmethod
+    def at(cls, fit: Fit) -> "_Normal":
+        problem, point, paths = fit.problem, fit.point, _paths(fit)
+        linear, _ = problem.linearise(point)
+        n, nv = len(problem.spreads), point.q.shape[1]
+        responses = problem.responses(point, range(nv), _parts(problem.windows))
+        columns = np.swapaxes(responses, 2, 3).reshape(*linear.residual.shape, -1)
+        whole = replace(linear, shared=np.concatenate([linear.shared[..., :n], columns], axis=-1))
+        whole = whole.weighted(whole.outlier_weights())
+        reduced, residual = whole.project(whole.shared), whole.project(whole.residual[..., None])[..., 0]
+        matrices, force = np.einsum("wri,wrj->wij", reduced, reduced), residual_force_of(fit)
+        here = np.zeros(matrices.shape[:2])
+        here[:, :n] = point.variant.values
+        if force is not None:
+            here[:, n:] = (force.features(*paths) @ force.weights).reshape(len(here), -1)
+        return cls(
+            matrices,
+            np.einsum("wri,wr->wi", reduced, residual) + np.einsum("wij,wj->wi", matrices, here),
+            problem.spreads**-2,
+            paths,
+            usual_forces(problem.simulator.model),
+        )
+
+    def solve(self, force: ResidualForce) -> tuple[Array, Array]:
+        """Weights `[k, nv]` and nuisances `[n]`."""
+        matrix, vector = self._equations(force.features)
+        low, scale = _factored(matrix + np.diag(self._prior(force)))
+        solution = np.linalg.solve(low.T, np.linalg.solve(low, vector / scale)) / scale
+        return solution[len(self.prior) :].reshape(-1, len(self.scale)), solution[: len(self.prior)]
+
+    def worth(self, force: ResidualForce) -> Array:
+        """Twice the nats `[nv]` that a fit loses without the force at each joint, nuisances fitted again."""
+        n, nv = len(self.prior), len(self.scale)
+        push = force.features(*self.paths) @ force.weights
+        matrices, out = self.matrices, np.zeros(nv)
+        nuisances = matrices[:, :n, :n].sum(axis=0) + np.diag(self.prior)
+        for j in range(nv):
+            alone = (push * (np.arange(nv) == j)).reshape(len(matrices), -1)
+            cross = np.einsum("wib,wb->i", matrices[:, :n, n:], alone)
+            own = np.einsum("wb,wbc,wc->", alone, matrices[:, n:, n:], alone)
+            out[j] = own - cross @ np.linalg.solve(nuisances, cross)
+        return out
+
+    def evidence(self, forces: Sequence[ResidualForce]) -> Array:
+        """Logarithm of the marginal likelihood of each force's features and prior, nats up to a constant.
+
+        MacKay, Bayesian interpolation (1992).
+        """
+        drawn = {id(force.features): force.features for force in forces}
+        equations = {key: self._equations(features) for key, features in drawn.items()}
+        return np.array([self._evidence(*equations[id(force.features)], force) for force in forces])
+
+    def _evidence(self, matrix: Array, vector: Array, force: ResidualForce) -> float:
+        prior = self._prior(force)
+        low, scale = _factored(matrix + np.diag(prior))
+        explained = np.linalg.solve(low, vector / scale)
+        volume = np.log(np.diag(low)).sum() + np.log(scale).sum()
+        return 0.5 * float(explained @ explained + np.log(prior).sum()) - float(volume)
+
+    def _prior(self, force: ResidualForce) -> Array:
+        """Precisions of nuisances, then of weights."""
+        return np.concatenate([self.prior, np.outer(force.precision, self.scale**-2).ravel()])
+
+    def _equations(self, features: Features) -> tuple[Array, Array]:
+        """Normal equations of nuisances and weights, without their prior."""
+        n, nv = len(self.prior), len(self.scale)
+        phi = features(*self.paths)  # [W, B, k]
+        w, parts, k = phi.shape
+        spread = np.einsum("wbk,ij->wbikj", phi, np.eye(nv)).reshape(w, parts * nv, k * nv)
+        m, y = self.matrices, self.vectors
+        cross = np.einsum("wib,wbk->ik", m[:, :n, n:], spread)
+        half = m[:, n:, n:] @ spread
+        own = np.tensordot(spread, half, axes=([0, 1], [0, 1]))
+        matrix = np.block([[m[:, :n, :n].sum(axis=0), cross], [cross.T, own]])
+        vector = np.concatenate([y[:, :n].sum(axis=0), np.einsum("wbk,wb->k", spread, y[:, n:])])
+        return matrix.astype(np.float64), vector.astype(np.float64)
+
+
+def _factored(matrix: Array) -> tuple[Array, Array]:
+    """L and s with matrix = diag(s) L L' diag(s) up to rounding, which stiff stops lift above the priors."""
+    scale = np.sqrt(np.diag(matrix))
+    low = np.linalg.cholesky(matrix / np.outer(scale, scale) + ROUNDING * np.eye(len(matrix)))
+    return np.asarray(low, np.float64), scale

@@ -1,0 +1,1 @@
+"""Many short rollouts of variants of a simulator."""

@@ -1,0 +1,1 @@
+"""What may be said of it, and how surely."""

@@ -1,0 +1,165 @@
+"""What a diagnosis rests on, for people to look at: models, rollouts and residuals."""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.constants import update_constants
+from keycld_envs.effects import Effect
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.verdict.region import Shape, shape_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """A held-out recording, and what simulators make of it.
+
+    Attributes:
+        recording: its id.
+        time: `[n]` s.
+        measured: `[n, nv]` positions, rad or m; NaN where missing.
+        refitted: `[n, nv]` of the simulator with nuisances refitted.
+        corrected: `[n, nv]` with the findings added.
+        starts: `[k]` indices of samples at which rollouts begin, with initial states fitted.
+    """
+
+    recording: str
+    time: Array
+    measured: Array
+    refitted: Array
+    corrected: Array
+    starts: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What fits leave of a training recording.
+
+    Attributes:
+        recording: its id.
+        time: `[n]` s.
+        before: `[n, nv]` measured minus refitted simulator over the sensor's noise; NaN where missing.
+        after: `[n, nv]` the same with the findings added.
+        starts: `[k]` indices of samples at which windows begin, with initial states fitted.
+    """
+
+    recording: str
+    time: Array
+    before: Array
+    after: Array
+    starts: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the page and the corrected model are made of.
+
+    Attributes:
+        nominal: the simulator as it was.
+        refitted: with the nuisances of the final fit, its integrator and its time step, without effects.
+        effects: that were added.
+        noise: `[nv]` standard deviation of the sensor's noise, rad or m.
+        rollouts: one per held-out recording.
+        residuals: one per training recording.
+        shape: of the force without a name, if there is one.
+    """
+
+    nominal: mujoco.MjModel
+    refitted: mujoco.MjModel
+    effects: tuple[Effect, ...]
+    noise: Array
+    rollouts: tuple[Rollout, ...]
+    residuals: tuple[Residuals, ...]
+    shape: Shape | None = None
+
+    @cached_property
+    def corrected(self) -> mujoco.MjModel:
+        """The refitted model with those effects that are in its numbers."""
+        return with_effects(self.refitted, self.effects)
+
+
+def with_effects(model: mujoco.MjModel, effects: Sequence[Effect]) -> mujoco.MjModel:
+    """A copy of a model that effects have edited."""
+    edited = copy.copy(model)
+    for effect in effects:
+        effect.edit(edited)
+    update_constants(edited)
+    return edited
+
+
+def evidence(
+    nominal: mujoco.MjModel,
+    windows: tuple[Fit, Fit],
+    rollouts: tuple[Fit, Fit],
+    recordings: tuple[Sequence[Recording], Sequence[Recording]],
+) -> Evidence:
+    """Gather it from fits.
+
+    Args:
+        nominal: the simulator as it was.
+        windows: refitted and corrected, of training recordings.
+        rollouts: refitted and corrected, of held-out recordings.
+        recordings: training and held-out.
+    """
+    chosen = windows[1]
+    simulator, bare = chosen.problem.simulator, replace(chosen.point.variant, effects=())
+    return Evidence(
+        nominal=nominal,
+        refitted=simulator.compile(bare),
+        effects=chosen.effects,
+        noise=chosen.problem.noise,
+        rollouts=tuple(_rollouts(rollouts, recordings[1])),
+        residuals=tuple(_residuals(windows, recordings[0])),
+        shape=next((shape_of(chosen, e) for e in chosen.effects if e.id == "unknown"), None),
+    )
+
+
+def _rollouts(fits: tuple[Fit, Fit], recordings: Sequence[Recording]) -> list[Rollout]:
+    pieces = fits[0].problem.windows
+    refitted, corrected = (_predicted(fit) for fit in fits)
+    return [
+        Rollout(
+            recording=recordings[r].id,
+            time=pieces.time[rows].ravel(),
+            measured=np.concatenate(pieces.measured[rows]),
+            refitted=np.concatenate(refitted[rows]),
+            corrected=np.concatenate(corrected[rows]),
+            starts=np.arange(len(rows)) * pieces.time.shape[1],
+        )
+        for r, rows in _by_recording(pieces.recording)
+    ]
+
+
+def _residuals(fits: tuple[Fit, Fit], recordings: Sequence[Recording]) -> list[Residuals]:
+    pieces, noise = fits[0].problem.windows, fits[0].problem.noise
+    before, after = ((pieces.measured - _predicted(fit)) / noise for fit in fits)
+    return [
+        Residuals(
+            recording=recordings[r].id,
+            time=pieces.time[rows].ravel(),
+            before=np.concatenate(before[rows]),
+            after=np.concatenate(after[rows]),
+            starts=np.arange(len(rows)) * pieces.time.shape[1],
+        )
+        for r, rows in _by_recording(pieces.recording)
+    ]
+
+
+def _by_recording(recording: NDArray[np.int64]) -> list[tuple[int, NDArray[np.int64]]]:
+    """Indices of recordings, and rows of their windows."""
+    return [(int(r), np.flatnonzero(recording == r)) for r in np.unique(recording)]
+
+
+def _predicted(fit: Fit) -> Array:
+    """`[W, n, nv]` rad or m."""
+    problem, point = fit.problem, fit.point
+    which = np.zeros(1, dtype=np.int64)
+    return problem.simulator.simulate([point.variant], which, problem.windows, point.q[None], point.v[None])[0]

@@ -1,0 +1,206 @@
+"""What fits mean: findings with intervals, refitted nuisances, and what stays unexplained."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.effects import Effect, ExternalPulse, GravityTilt
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.estimation.fit import Fit, knobs
+from keycld_model.diagnosis.estimation.pulses import joined
+from keycld_model.diagnosis.estimation.replay import mean_square
+from keycld_model.diagnosis.search.search import Scored, Search
+from keycld_model.diagnosis.verdict.region import shape_of
+from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Unexplained, Verdict
+from keycld_model.rigid_body.residual_force import ResidualForce
+
+EXPLAINED, SURE = 0.15, 4.0
+"""Above one, what the mean square of whitened residuals may be where only noise is left: the variance of the noise is
+known to some 5 %, and the mean square to so many standard deviations."""
+RIGHT = {"explained": 0.92, "left": 0.19, "beside": 0.28}
+"""What a set's weight is multiplied by, so that confidence is on average the share of findings that are right, by
+Laplace's rule on 400 sealed cases (docs/blind.md): where named effects leave only noise, where they leave more, and
+beside pushes or an unknown force."""
+ALONG = {
+    "N m": "N",
+    "N m s/rad": "N s/m",
+    "N m s^2/rad^2": "N s^2/m^2",
+    "N m/rad": "N/m",
+    "kg m^2": "kg",
+    "rad": "m",
+    "rad/s": "m/s",
+}
+"""Units of a slide, for those of a hinge."""
+
+
+def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], search: Search) -> list[Finding]:
+    """One per effect of the best set, with 90 % intervals, and what the data do not exclude in its place."""
+    deviations = iter(best.fit.deviations() * np.sqrt(max(search.temper, best.fit.chi_square)))
+    weights = {keys: np.exp(min(0.0, best.score - s.score)) for keys, s in search.found.items()}
+    total, model = sum(weights.values()), best.fit.problem.simulator.model
+    out = []
+    for effect in best.fit.effects:
+        sets = rivals.get(effect.key, ())
+        others = {(e.id, e.kind, e.where) for s in sets for e in s.fit.effects if e.key not in best.keys}
+        if effect.id == GravityTilt.id and model.njnt == 1 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_HINGE:
+            others.add(("encoder_zero", "joint", model.joint(0).name))  # the same, but for what is expected of encoders
+        others.discard((effect.id, effect.kind, effect.where))
+        out.append(
+            Finding(
+                effect=effect.id,
+                family=effect.family,
+                where={"kind": effect.kind, "name": effect.where},
+                parameters=_estimates(effect, deviations, model),
+                equation=effect.equation,
+                confidence=round(float(sum(w for keys, w in weights.items() if effect.key in keys) / total), 4),
+                rivals=[rival for rival, _, _ in sorted(others)],
+                rivals_where=[{"kind": kind, "name": name} for _, kind, name in sorted(others)],
+                region=_region(best.fit, effect),
+            )
+        )
+    return out
+
+
+def _region(fit: Fit, effect: Effect) -> dict[str, tuple[float, float]] | None:
+    shape = shape_of(fit, effect)
+    return None if shape is None else shape.region()
+
+
+def rival_name(rival: Effect, effect: Effect) -> str:
+    """What an effect in another's place is called."""
+    return rival.id if rival.where == effect.where else f"{rival.id} at {rival.where}"
+
+
+def _estimates(effect: Effect, deviations: Iterator[float], model: mujoco.MjModel) -> dict[str, Estimate]:
+    out = {}
+    for knob in knobs([effect]):
+        value, deviation = getattr(effect, knob.parameter.name), 1.645 * next(deviations)
+        low, high = max(value - deviation, knob.parameter.low), min(value + deviation, knob.parameter.high)
+        unit = knob.parameter.unit
+        if _slides(effect, model) and knob.parameter.name != "w":  # an angular frequency in time
+            unit = ALONG.get(unit, unit)
+        out[knob.parameter.name] = Estimate(value, unit, low, high)
+    return out
+
+
+def _slides(effect: Effect, model: mujoco.MjModel) -> bool:
+    """The effect acts on a joint that slides."""
+    if effect.kind == "joint":
+        joint = model.joint(effect.where).id
+    elif effect.kind == "actuator" and model.actuator(effect.where).trntype[0] == mujoco.mjtTrn.mjTRN_JOINT:
+        joint = int(model.actuator(effect.where).trnid[0])
+    else:
+        return False
+    return bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def nuisance_of(fit: Fit) -> dict[str, Estimate]:
+    """Refitted masses, lengths and zeros with 90 % intervals."""
+    covariance = np.diag(np.linalg.pinv(fit.hessian))
+    out = {}
+    values = zip(fit.problem.simulator.nuisances, fit.point.variant.values, covariance, strict=False)
+    for nuisance, value, variance in values:
+        spread = 1.645 * np.sqrt(max(variance, 0.0))
+        low, high = value - spread, value + spread
+        if nuisance.factor:
+            value, low, high = np.exp(value), np.exp(low), np.exp(high)
+        out[nuisance.name] = Estimate(float(value), nuisance.unit, float(low), float(high))
+    return out
+
+
+def significant(fit: Fit) -> NDArray[np.float64]:
+    """By how much the mean square of whitened residuals of each joint is more than noise; negative where it is not."""
+    left = mean_square(fit)
+    return left - 1 - EXPLAINED - SURE * np.sqrt(2 / (fit.problem.samples / len(left)))
+
+
+def unexplained_of(refitted: Fit, chosen: Fit, model: mujoco.MjModel) -> Unexplained:
+    """From fits to held-out recordings."""
+    before, after = (mean_square(fit) for fit in (refitted, chosen))
+    excess = significant(chosen)
+    worst = int(excess.argmax())
+    more = bool(excess[worst] > 0)
+    fraction = float(np.clip((after[worst] - 1) / max(float(before[worst]) - 1, 1e-9), 0, 1)) if more else 0.0
+    joint = model.joint(worst).name
+    message = "What is left is noise."
+    if more:
+        message = (
+            f"The joint {joint!r} still deviates by {np.sqrt(after[worst]):.1f} times the noise of its sensor; no "
+            "effect in the library explains it."
+        )
+    return Unexplained(more, round(fraction, 4), joint if more else None, message)
+
+
+def pulses_of(fit: Fit, recordings: Sequence[Recording]) -> list[Finding]:
+    """One finding per joint that is pushed."""
+    model, step = fit.problem.simulator.model, fit.problem.simulator.step
+    pulses = joined(fit.point.variant.pulses, 3 * step)
+    out = []
+    for dof in sorted({p.dof for p in pulses}):
+        own = [p for p in pulses if p.dof == dof]
+        when: dict[str, list[tuple[float, float]]] = {}
+        for p in own:
+            when.setdefault(recordings[p.recording].id, []).append((p.start, p.start + p.duration))
+        sizes = np.array([abs(p.force) for p in own])
+        joint = model.joint(int(model.dof_jntid[dof]))
+        unit = "N m" if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE else "N"
+        out.append(
+            Finding(
+                effect=ExternalPulse.id,
+                family=ExternalPulse.family,
+                where={"kind": "joint", "name": joint.name},
+                parameters={"f": Estimate(float(np.median(sizes)), unit, float(sizes.min()), float(sizes.max()))},
+                equation=ExternalPulse.equation,
+                confidence=1.0,
+                rivals=[],
+                when=[span for spans in when.values() for span in spans] if len(when) == 1 else None,
+                when_by_recording=when,
+            )
+        )
+    return out
+
+
+def unknown_of(fit: Fit, share: float) -> Finding:
+    """The finding of a force without a name, which gained a share of all that was gained on held-out recordings."""
+    effect = fit.effects[-1]
+    return Finding(
+        effect=effect.id,
+        family=effect.family,
+        where={"kind": effect.kind, "name": effect.where},
+        parameters={},
+        equation=effect.equation,
+        confidence=round(share, 4),
+        rivals=[],
+        region=_region(fit, effect),
+    )
+
+
+def calibrated(findings: Sequence[Finding], left: Unexplained) -> list[Finding]:
+    """With confidence that counts how often findings of such reports are right; an unknown force keeps its own."""
+    names, unknown = {f.effect for f in findings}, ResidualForce.id
+    beside = len(names) > 1 and not names.isdisjoint({unknown, ExternalPulse.id})
+    right = RIGHT["beside" if beside else "left" if left.significant else "explained"]
+    return [f if f.effect == unknown else replace(f, confidence=round(right * f.confidence, 4)) for f in findings]
+
+
+def headline_of(verdict: Verdict, findings: list[Finding], errors: FitErrors, left: Unexplained) -> str:
+    """One sentence."""
+    if not findings:
+        if left.significant:
+            return f"Something is missing that no effect in the library explains. {left.message}"
+        return "Nothing is missing: with masses, lengths and encoder zeros refitted, only noise is left."
+    names = "; ".join(
+        f"{f.effect.replace('_', ' ')} at {f.where['name']}"
+        + (" (" if f.parameters else "")
+        + ", ".join(f"{n} = {e.value:.3g} ± {(e.high - e.low) / 2:.1g} {e.unit}" for n, e in f.parameters.items())
+        + (")" if f.parameters else "")
+        for f in findings
+    )
+    verb = "lacks" if verdict == "mismatch" else "may lack"
+    return (
+        f"The simulator {verb} {names}; the held-out error goes from {errors.refitted:.3g} to {errors.corrected:.3g} "
+        f"{errors.unit}."
+    )

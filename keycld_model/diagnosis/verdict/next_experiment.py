@@ -1,0 +1,177 @@
+"""The recording to make next: of a menu of motions, the one that would best tell apart what these recordings cannot."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.estimation.fit import Fit, Point, Problem, knobs
+from keycld_model.diagnosis.inputs.prepare import spacing
+from keycld_model.diagnosis.inputs.windows import Windows, cut
+from keycld_model.diagnosis.verdict.report import Experiment
+
+Array = NDArray[np.float64]
+RELEASES, SHIFTS = (0.3, 1.0, 2.5), (0.05, 0.2, 0.5)
+"""Rad and m from rest."""
+AMPLITUDES = (0.25, 1.0, 2.0)
+"""Of commands, times the greatest that was recorded."""
+SLOW, FAST, HELD = 0.4, 2.0, 0.4
+"""Hz of slow and fast sines, and seconds for which steps are held."""
+FASTEST = 15.0
+"""Rad/s or m/s; nothing that moves faster is proposed, unless the recordings were faster."""
+ENOUGH = 3.0
+"""Nats that an experiment must be expected to tell; if none does, none is proposed."""
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Something to do: from a pose at rest, with commands.
+
+    Attributes:
+        kind: of the place, "joint" or "actuator".
+        name: of the place.
+        action: a phrase.
+        pose: `[nv]` rad or m.
+        commands: `[N, nu]`, one per sample.
+    """
+
+    kind: str
+    name: str
+    action: str
+    pose: Array
+    commands: Array
+
+
+def next_experiment(
+    truth: Fit, rivals: Sequence[tuple[str, Fit]], recordings: Sequence[Recording], n: int
+) -> Experiment | None:
+    """The motion in which the least different of the rivals differs most from what is believed.
+
+    What a rival would have to leave of the motion that is believed is counted with its own numbers free within what
+    the recordings say of them, and initial states free, to first order (Box and Hill, 1967, for two models with
+    Gaussian errors).
+
+    Args:
+        truth: what is believed.
+        rivals: by name, what is not excluded.
+        recordings: so far.
+        n: samples of the motion; the time between them is that of the recordings.
+
+    Returns:
+        The experiment, with "nats" below `ENOUGH` where none tells them apart; None where nothing can be released or
+        driven.
+    """
+    model, problem = truth.problem.simulator.model, truth.problem
+    motions = list(_motions(model, recordings, n))
+    if not motions:
+        return None
+    windows = _windows(motions, recordings, problem.windows.step, n)
+    pose = np.stack([m.pose for m in motions])
+    at_rest = Point(truth.point.variant.elsewhere(), pose, np.zeros_like(pose))
+    which = np.zeros(1, dtype=np.int64)
+    predicted = problem.simulator.simulate([at_rest.variant], which, windows, pose[None], at_rest.v[None])[0]
+    trial = Problem(problem.simulator, replace(windows, measured=predicted), problem.noise)
+    told = np.min([_told(trial, at_rest, fit) for _, fit in rivals], axis=0)
+    told[~_safe(predicted, windows.time, recordings)] = 0.0
+    best = int(np.argmax(told))
+    chosen, nats = motions[best], float(told[best])
+    seconds = float(windows.time[best, -1] - windows.time[best, 0])
+    return Experiment(
+        where={"kind": chosen.kind, "name": chosen.name},
+        action=f"{chosen.action}, for {seconds:.2g} s",
+        start=dict(zip((model.joint(j).name for j in range(model.njnt)), chosen.pose.round(3).tolist(), strict=True)),
+        nats=round(nats, 1),
+        against=[name for name, _ in rivals],
+        decisive=nats > ENOUGH,
+    )
+
+
+def _told(trial: Problem, point: Point, rival: Fit) -> Array:
+    """Nats per motion that a rival would lose on it, `[W]`."""
+    linear, _ = trial.linearise(replace(point, variant=rival.point.variant.elsewhere()))
+    numbers = len(trial.spreads) + len(knobs(rival.effects))
+    residual, shared = linear.project(linear.residual[..., None])[..., 0], linear.project(linear.shared[..., :numbers])
+    pull = np.einsum("wri,wr->wi", shared, residual)
+    hessian = np.einsum("wri,wrj->wij", shared, shared) + rival.hessian[:numbers, :numbers]
+    hessian += 1e-9 * np.eye(numbers)
+    explained = np.einsum("wi,wi->w", pull, np.linalg.solve(hessian, pull[..., None])[..., 0])
+    return 0.5 * np.maximum(np.sum(residual**2, axis=1) - explained, 0.0)
+
+
+def _safe(predicted: Array, time: Array, recordings: Sequence[Recording]) -> NDArray[np.bool_]:
+    """Motions `[W, n, nv]` that are not too fast."""
+    recorded = 0.0
+    for r in recordings:
+        moved, passed = np.diff(np.asarray(r.qpos), axis=0), np.diff(np.asarray(r.t_state))
+        speeds = np.abs(moved[passed > 0] / passed[passed > 0, None])
+        recorded = max(recorded, float(np.max(speeds, initial=0.0, where=np.isfinite(speeds))))
+    speed = np.abs(np.diff(predicted, axis=1) / np.diff(time, axis=1)[..., None]).max(axis=(1, 2))
+    return np.isfinite(speed) & (speed < max(FASTEST, recorded))
+
+
+def _motions(model: mujoco.MjModel, recordings: Sequence[Recording], n: int) -> Iterator[_Motion]:
+    commanded = len(recordings[0].actuator_names)
+    rest, still = _rest(model, recordings), np.zeros((n, commanded))
+    for j in range(model.njnt):
+        turns = model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
+        for size in () if model.neq else RELEASES if turns else SHIFTS:  # a loop does not let one joint move
+            pose = rest.copy()
+            pose[j] += size
+            away = f"{size:g} {'rad' if turns else 'm'} from rest"
+            yield _Motion("joint", model.joint(j).name, f"release it {away}", pose, still)
+    t = spacing(recordings) * np.arange(n)
+    steps = np.random.default_rng(0).uniform(-1, 1, int(t[-1] / HELD) + 1)
+    shapes = {
+        f"a sine of {SLOW:g} Hz": np.sin(2 * np.pi * SLOW * t),
+        f"a sine of {FAST:g} Hz": np.sin(2 * np.pi * FAST * t),
+        f"random steps every {HELD:g} s": steps[(t / HELD).astype(int)] / np.abs(steps).max(),
+    }
+    for i in range(commanded):
+        used = max((float(np.abs(r.action[:, i]).max()) for r in recordings if r.action is not None), default=0.0)
+        limit = float(np.abs(model.actuator_ctrlrange[i]).max()) if model.actuator_ctrllimited[i] else np.inf
+        for size in sorted({min(limit, a * (used or min(limit, 1.0))) for a in AMPLITUDES}):
+            for name, shape in shapes.items():
+                commands = still.copy()
+                commands[:, i] = size * shape
+                yield _Motion(
+                    "actuator", model.actuator(i).name, f"drive it with {name} up to {size:.2g}", rest, commands
+                )
+
+
+def _rest(model: mujoco.MjModel, recordings: Sequence[Recording]) -> Array:
+    """The recorded pose with the least potential energy, `[nv]`."""
+    data, poses = mujoco.MjData(model), []
+    for r in recordings:
+        q = np.asarray(r.qpos)
+        poses.extend(q[np.isfinite(q).all(axis=1)][:: max(1, len(q) // 50)])
+
+    def energy(pose: Array) -> float:
+        data.qpos[:] = pose
+        mujoco.mj_kinematics(model, data)
+        return float(-np.sum(model.body_mass[:, None] * data.xipos * model.opt.gravity))
+
+    return np.array(min(poses, key=energy))
+
+
+def _windows(motions: Sequence[_Motion], recordings: Sequence[Recording], step: float, n: int) -> Windows:
+    """One window per motion."""
+    t = spacing(recordings) * np.arange(n)
+    planned = [
+        replace(
+            recordings[0],
+            id=f"planned {i}",
+            t_state=t,
+            qpos=np.repeat(m.pose[None], n, axis=0),
+            qvel=None,
+            t_action=t if m.commands.shape[1] else None,
+            action=m.commands if m.commands.shape[1] else None,
+            t_frame=None,
+            frames=None,
+            video=None,
+        )
+        for i, m in enumerate(motions)
+    ]
+    return cut(planned, step, n)

@@ -1,0 +1,151 @@
+"""What a diagnosis says, for programs; schema `keycld.diagnosis/1`."""
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
+
+from keycld_model.diagnosis.verdict.evidence import Evidence
+
+Verdict = Literal["no_mismatch", "mismatch", "undetermined"]
+SCHEMA = "keycld.diagnosis/1"
+EXIT_CODES: dict[Verdict, int] = {"no_mismatch": 0, "mismatch": 10, "undetermined": 11}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its 90 % interval."""
+
+    value: float
+    unit: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that the simulator lacks.
+
+    Attributes:
+        effect: id of the taxonomy, or "unknown".
+        family: its family.
+        where: "kind" and "name" of the place.
+        parameters: by name.
+        equation: in joint coordinates.
+        confidence: probability that effect and place are right.
+        rivals: ids of effects that these data do not exclude in its place; "encoder_zero" is no missing physics.
+        rivals_where: their places, in the same order.
+        when: seconds, None throughout.
+        when_by_recording: seconds, by id of the recording, where that differs.
+        region: positions and velocities to which it is confined, None if to none.
+    """
+
+    effect: str
+    family: str
+    where: dict[str, str]
+    parameters: dict[str, Estimate]
+    equation: str
+    confidence: float
+    rivals: list[str]
+    rivals_where: list[dict[str, str]] = field(default_factory=list)
+    when: list[tuple[float, float]] | None = None
+    when_by_recording: dict[str, list[tuple[float, float]]] | None = None
+    region: dict[str, tuple[float, float]] | None = None
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """What is left after all findings.
+
+    Attributes:
+        significant: more than noise.
+        fraction: of the misfit of the refitted simulator.
+        where: joint with the largest misfit, None if none is significant.
+        message: one sentence.
+    """
+
+    significant: bool
+    fraction: float
+    where: str | None
+    message: str
+
+
+@dataclass(frozen=True)
+class FitErrors:
+    """Root mean square errors of long rollouts on held-out recordings.
+
+    Attributes:
+        nominal: the simulator as it was.
+        refitted: with masses, lengths and encoder zeros fitted.
+        corrected: with the findings added.
+        ceiling: a flexible black-box residual; None if it was not fitted.
+    """
+
+    metric: str
+    unit: str
+    nominal: float
+    refitted: float
+    corrected: float
+    ceiling: float | None = None
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A recording that would tell apart what those at hand cannot.
+
+    Attributes:
+        where: "kind" and "name" of the joint to release, or of the actuator to drive.
+        action: what to do there, a phrase.
+        start: pose at rest to start from, by joint, rad or m.
+        against: what is to be told from the findings: rivals, or "nothing" where perhaps nothing is missing.
+        nats: expected gain in log-likelihood over the least different of them.
+        decisive: that is enough; if not, even the best motion hardly tells them apart, and something else than
+            positions of these joints should be measured.
+    """
+
+    where: dict[str, str]
+    action: str
+    start: dict[str, float]
+    against: list[str]
+    nats: float
+    decisive: bool
+
+
+@dataclass(frozen=True)
+class Report:
+    """The result of `diagnose`.
+
+    Attributes:
+        verdict: "no_mismatch", "mismatch", or "undetermined".
+        headline: one sentence.
+        findings: what the simulator lacks.
+        nuisance: refitted numbers that are no missing physics.
+        unexplained: what is left after all findings.
+        fit: errors on held-out recordings.
+        held_out: their ids.
+        next_experiment: None where nothing is left to tell apart.
+        schema: of `to_dict`.
+        details: of the fits.
+        evidence: models, rollouts and residuals, for the page and the corrected model; not part of `to_dict`.
+    """
+
+    verdict: Verdict
+    headline: str
+    findings: list[Finding]
+    nuisance: dict[str, Estimate]
+    unexplained: Unexplained
+    fit: FitErrors
+    held_out: list[str]
+    next_experiment: Experiment | None = None
+    schema: str = SCHEMA
+    details: dict[str, Any] = field(default_factory=dict)
+    evidence: Evidence | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        return EXIT_CODES[self.verdict]
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-compatible, without the evidence."""
+        out = asdict(replace(self, evidence=None))
+        del out["evidence"]
+        return out
