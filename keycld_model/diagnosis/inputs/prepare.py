@@ -8,34 +8,45 @@ import numpy as np
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.observation import Observation
 
-SAMPLES = 40
-"""Per window."""
-FASTEST = 0.009
+CLOSEST = 0.009
 """Seconds between samples, at least; of faster recordings only some samples are used."""
-STEP = 0.0101
-"""Seconds per step of an accurate simulation, at most: 10 ms, and what clocks are off."""
 
 
-def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+def split(
+    recordings: Sequence[Recording], observation: Observation, samples: int
+) -> tuple[list[Recording], list[Recording]]:
     """Training and held-out recordings: every third in the order of their speed; of a single one, its last third.
 
     The clock of that third goes on from the start of the recording, whose first part has no positions any more.
+
+    Args:
+        recordings: all of them.
+        observation: what is measured in them.
+        samples: that each part of a single recording must have.
+
+    Raises:
+        InputError: if a single recording is too short.
     """
     if len(recordings) == 1:
-        whole = recordings[0]
-        t = np.asarray(whole.t_state)
-        k = 2 * len(t) // 3
-        if len(t) - k < SAMPLES:
-            raise InputError(
-                f"Recording {whole.id!r} has {len(t)} samples, too few to hold some out; record at least {3 * SAMPLES}."
-            )
-        rest = np.array(whole.qpos)
-        rest[:k] = np.nan
-        return [_part(whole, slice(0, k))], [replace(whole, id=f"{whole.id} (last third)", qpos=rest, qvel=None)]
-    speed = [np.nanmean(np.abs(np.diff(np.asarray(r.qpos), axis=0))) for r in recordings]
+        return _in_time(recordings[0], samples)
+    speed = [np.nanmean(np.abs(np.diff(observation.measured(r), axis=0))) for r in recordings]
     order = [recordings[i] for i in np.argsort(speed, kind="stable")]
     return [r for i, r in enumerate(order) if i % 3 != 1], order[1::3]
+
+
+def _in_time(whole: Recording, samples: int) -> tuple[list[Recording], list[Recording]]:
+    """The first two thirds of a recording, and the last."""
+    t = np.asarray(whole.t_state)
+    k = 2 * len(t) // 3
+    if len(t) - k < samples:
+        raise InputError(
+            f"Recording {whole.id!r} has {len(t)} samples, too few to hold some out; record at least {3 * samples}."
+        )
+    rest = np.array(whole.qpos)
+    rest[:k] = np.nan
+    return [_part(whole, slice(0, k))], [replace(whole, id=f"{whole.id} (last third)", qpos=rest, qvel=None)]
 
 
 def spacing(recordings: Sequence[Recording]) -> float:
@@ -44,32 +55,32 @@ def spacing(recordings: Sequence[Recording]) -> float:
 
 
 def accurate_step(recordings: Sequence[Recording]) -> float:
-    """Of a simulation, s: the time between samples, or a part of it, so that it is no more than `STEP`."""
+    """Of a simulation, s: the time between samples, or a part of it, so that it is no more than 10 ms."""
     between = spacing(recordings)
-    return float(between / np.ceil(between / STEP))
+    return float(between / np.ceil(between / 0.0101))  # and what clocks are off
 
 
-def ready(recordings: Sequence[Recording], model: mujoco.MjModel) -> list[Recording]:
-    """With commands for all motors, zero where none were recorded, and samples no closer than `FASTEST`.
+def ready(recordings: Sequence[Recording], model: mujoco.MjModel, samples: int) -> list[Recording]:
+    """With commands for all motors, zero where none were recorded, and samples no closer than `CLOSEST`.
 
     Raises:
-        InputError: if that leaves too few samples.
+        InputError: if that leaves fewer than so many samples.
     """
     out = [thin(_commanded(recording, model)) for recording in recordings]
     for before, after in zip(recordings, out, strict=True):
-        if len(np.asarray(after.t_state)) < SAMPLES:
+        if len(np.asarray(after.t_state)) < samples:
             t = np.asarray(before.t_state)
             raise InputError(
-                f"Recording {before.id!r} lasts {t[-1] - t[0]:.2g} s, of which samples {1e3 * FASTEST:g} ms apart are "
-                f"used, at least {SAMPLES}; record for longer."
+                f"Recording {before.id!r} lasts {t[-1] - t[0]:.2g} s, of which samples {1e3 * CLOSEST:g} ms apart are "
+                f"used, at least {samples}; record for longer."
             )
     return out
 
 
 def thin(recording: Recording) -> Recording:
-    """With samples no closer than `FASTEST`."""
+    """With samples no closer than `CLOSEST`."""
     t = np.asarray(recording.t_state)
-    every = max(1, round(FASTEST / float(np.median(np.diff(t)))))
+    every = max(1, round(CLOSEST / float(np.median(np.diff(t)))))
     return _part(recording, slice(None, None, every)) if every > 1 else recording
 
 

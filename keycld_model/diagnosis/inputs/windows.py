@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +9,11 @@ from scipy.signal import savgol_filter
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.observation.protocol import Observation
 
 Array = NDArray[np.float64]
-SMOOTH = 7
-"""Samples of a local parabola."""
-PAUSE = 5.0
-"""Times as long as usual that a window may last."""
+LONGEST_PAUSE = 5.0
+"""Times its usual duration that a window may last; what is longer holds a pause."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +21,8 @@ class Windows:
     """W pieces of n samples and S steps of the simulation, which start at a step of their recording's grid.
 
     Attributes:
+        recordings: they are cut from.
+        observation: of them.
         step: seconds per step of the simulation.
         commands: per recording, commands `[N, nu]` averaged over the steps of its grid.
         speeds: per recording, roughly, velocities `[N, nv]` in the middle of those steps.
@@ -30,10 +30,12 @@ class Windows:
         first: `[W]` index of the first step in the recording's grid.
         start: `[W]` time of that step, s.
         time: `[W, n]` times of the samples, s.
-        measured: `[W, n, nv]` positions, rad or m; NaN where missing.
+        measured: `[W, n, m]` what the sensor showed; NaN where missing.
         steps: S.
     """
 
+    recordings: tuple[Recording, ...]
+    observation: Observation
     step: float
     commands: tuple[Array, ...]
     speeds: tuple[Array, ...]
@@ -46,6 +48,16 @@ class Windows:
 
     def __len__(self) -> int:
         return len(self.start)
+
+    @property
+    def samples(self) -> int:
+        """Samples per window, n."""
+        return self.time.shape[1]
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Names of the recordings."""
+        return tuple(recording.id for recording in self.recordings)
 
     @property
     def begun(self) -> Array:
@@ -66,15 +78,29 @@ class Windows:
         per_window = ("recording", "first", "start", "time", "measured")
         return replace(self, **{name: getattr(self, name)[index] for name in per_window})
 
-    def halved(self, recordings: Sequence[Recording]) -> "Windows":
-        """The same with steps half as long."""
-        fine = cut(recordings, self.step / 2, self.time.shape[1])
+    def evenly(self, number: int) -> NDArray[np.int64]:
+        """Indices of a number of windows at most, spread over all of them."""
+        if len(self) <= number:
+            return np.arange(len(self))
+        return np.linspace(0, len(self) - 1, number).round().astype(int)
+
+    def with_step(self, step: float) -> "Windows":
+        """The recordings cut anew, for another step of the simulation."""
+        return cut(self.recordings, self.observation, step, self.samples)
+
+    def of_length(self, samples: int) -> "Windows":
+        """The recordings cut anew, into windows of another number of samples."""
+        return cut(self.recordings, self.observation, self.step, samples)
+
+    def halved(self) -> "Windows":
+        """The same windows with steps half as long."""
+        fine = self.with_step(self.step / 2)
         same = {"commands": fine.commands, "speeds": fine.speeds}
         return replace(self, step=self.step / 2, first=2 * self.first, steps=2 * self.steps, **same)
 
     def shorter(self, parts: int) -> "Windows":
-        """Each cut into so many."""
-        samples = self.time.shape[1] // parts
+        """Each window cut into a number of parts."""
+        samples = self.samples // parts
         pieces = [slice(k * samples, (k + 1) * samples) for k in range(parts)]
         time, measured = (np.concatenate([x[:, p] for p in pieces]) for x in (self.time, self.measured))
         recording, first, start = (np.tile(x, parts) for x in (self.recording, self.first, self.start))
@@ -89,55 +115,73 @@ class Windows:
             measured=measured,
             steps=_steps_over(time, start, self.step),
         )
-        return whole.take(np.flatnonzero(_seen(measured)))
+        return whole.take(np.flatnonzero(_enough(measured)))
 
     def initial_states(self) -> tuple[Array, Array]:
-        """Positions and velocities `[W, nv]` at the start, from a quadratic through the first samples."""
-        q, v = np.zeros((2, len(self), self.measured.shape[2]))
-        for w in range(len(self)):
-            t, y = self.time[w] - self.start[w], self.measured[w]
-            for j in range(y.shape[1]):
-                good = np.flatnonzero(np.isfinite(y[:, j]))[:7]
-                v[w, j], q[w, j] = np.polyfit(t[good], y[good, j], 2 if len(good) > 3 else 1)[-2:]
-        return q, v
+        """Positions and velocities `[W, nv]` at the starts, as the first samples tell them."""
+        states = [
+            self.observation.initial_state(time - start, measured)
+            for time, start, measured in zip(self.time, self.start, self.measured, strict=True)
+        ]
+        q, v = zip(*states, strict=True)
+        return np.array(q), np.array(v)
 
 
-def cut(recordings: Sequence[Recording], step: float, samples: int) -> Windows:
+def cut(recordings: Sequence[Recording], observation: Observation, step: float, samples: int) -> Windows:
     """Cut recordings into windows of a number of samples; what is left at the end of a recording is dropped.
 
-    So are windows with too few samples, or with a pause.
+    Windows with too few samples that are there, or with a pause, are dropped as well.
+
+    Args:
+        recordings: with commands for all motors, or none.
+        observation: what is measured in them.
+        step: of the simulation, s.
+        samples: per window.
 
     Raises:
-        InputError: if none is left.
+        InputError: if no window is left.
     """
     commands, speeds, rows = [], [], []
     for index, recording in enumerate(recordings):
-        t, q = np.asarray(recording.t_state), np.asarray(recording.qpos)
+        t, measured = np.asarray(recording.t_state), observation.measured(recording)
         origin = t[0]
         grid = int(np.ceil((t[-1] - origin) / step)) + 2
         edges = origin + step * np.arange(grid + 1)
         commands.append(average_commands(recording, edges))
-        speeds.append(_speeds(t, q, (edges[1:] + edges[:-1]) / 2))
-        longest = PAUSE * samples * np.median(np.diff(t))
-        for i in range(first_seen(q), len(t) - samples + 1, samples):
+        speeds.append(_speeds(t, observation.positions(measured), (edges[1:] + edges[:-1]) / 2))
+        longest = LONGEST_PAUSE * samples * np.median(np.diff(t))
+        for i in range(first_sample(measured), len(t) - samples + 1, samples):
             first = _steps_before(t[i] - origin, step)
             piece = slice(i, i + samples)
-            if _seen(q[piece]) and t[i + samples - 1] - t[i] < longest:
-                rows.append((index, first, origin + first * step, t[piece], q[piece]))
+            if _enough(measured[piece]) and t[i + samples - 1] - t[i] < longest:
+                rows.append((index, first, origin + first * step, t[piece], measured[piece]))
     if not rows:
         names = ", ".join(repr(recording.id) for recording in recordings)
         raise InputError(
             f"The recordings {names} have no {samples} samples in a row without a pause, half of them finite; record "
             "for longer."
         )
-    recording, first, start, time, measured = (np.array(column) for column in zip(*rows, strict=True))
+    columns = (np.array(column) for column in zip(*rows, strict=True))
+    recording, first, start, time, shown = columns
     steps = _steps_over(time, start, step)
-    return Windows(step, tuple(commands), tuple(speeds), recording, first, start, time, measured, steps)
+    return Windows(
+        tuple(recordings),
+        observation,
+        step,
+        tuple(commands),
+        tuple(speeds),
+        recording,
+        first,
+        start,
+        time,
+        shown,
+        steps,
+    )
 
 
-def _steps_before(seconds: Any, step: float) -> Any:
-    """Whole steps that end within so much time."""
-    return np.floor(seconds / step + 1e-4).astype(int)  # clocks may have large numbers, and few digits left
+def _steps_before(seconds: Array | float, step: float) -> NDArray[np.int64]:
+    """Whole steps that end within a time."""
+    return np.floor(np.asarray(seconds) / step + 1e-4).astype(int)  # clocks may have large numbers, and few digits left
 
 
 def _steps_over(time: Array, start: Array, step: float) -> int:
@@ -145,25 +189,25 @@ def _steps_over(time: Array, start: Array, step: float) -> int:
     return int(np.ceil((time[:, -1] - start).max() / step)) + 1
 
 
-def first_seen(q: Array) -> int:
-    """Index of the first sample of positions `[n, nv]` that is there."""
-    return int(np.isfinite(q).any(axis=1).argmax())
+def first_sample(measured: Array) -> int:
+    """Index of the first sample of `[n, m]` that is there."""
+    return int(np.isfinite(measured).any(axis=1).argmax())
 
 
-def _seen(measured: Array) -> Any:
-    """Whether enough samples `[..., n, nv]` of every joint are there."""
+def _enough(measured: Array) -> NDArray[np.bool_]:
+    """Whether enough samples `[..., n, m]` of every channel are there."""
     return (np.isfinite(measured).sum(axis=-2) >= max(4, measured.shape[-2] // 2)).all(axis=-1)
 
 
 def _speeds(t: Array, q: Array, times: Array) -> Array:
     """Velocities `[len(times), nv]` from positions `[n, nv]`, by local parabolas (Savitzky and Golay, 1964)."""
-    even = np.linspace(t[0], t[-1], len(t))
+    even, width = np.linspace(t[0], t[-1], len(t)), 7
     out = np.empty((len(times), q.shape[1]))
     for j, column in enumerate(q.T):
         good = np.isfinite(column)
         smooth = np.interp(even, t[good], column[good])
-        if len(even) >= SMOOTH:
-            slope = np.asarray(savgol_filter(smooth, SMOOTH, 2, deriv=1, delta=float(even[1] - even[0])), dtype=float)
+        if len(even) >= width:
+            slope = np.asarray(savgol_filter(smooth, width, 2, deriv=1, delta=float(even[1] - even[0])), dtype=float)
         else:
             slope = np.gradient(smooth, even)
         out[:, j] = np.interp(times, even, slope)

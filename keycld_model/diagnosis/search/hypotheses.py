@@ -10,16 +10,13 @@ from numpy.typing import NDArray
 
 from keycld_envs.effects import EFFECTS, Effect, Parameter
 from keycld_envs.effects.base import Seen
-from keycld_model.diagnosis.estimation.fit import Fit, Linearisation
+from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.estimation.linearisation import Linearisation
 from keycld_model.diagnosis.inputs.windows import Windows
 
 Array = NDArray[np.float64]
-GENTLE = 0.03
-"""Rad or m, root mean square over a window, that a probe may move a joint for its effect to count as linear."""
-USUAL = 90
-"""Percentile of speeds that counts as usual."""
-PARTS = 16
-"""Of a window at most, over each of which a force is averaged."""
+NEARLY_LINEAR = 0.03
+"""Change of a channel, root mean square over a window, up to which an effect counts as linear, rad or m."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +50,11 @@ class Hypothesis:
         return [replace(self.effect, **{p.name: p.absent + amount * p.scale}) for p in self.coefficients]
 
 
-def seen(windows: Windows) -> Seen:
-    """What windows of recordings show."""
-    position = windows.measured.reshape(-1, windows.measured.shape[2])
+def recorded_range(windows: Windows) -> Seen:
+    """Positions, speeds and commands that windows of recordings show."""
+    position = windows.observation.positions(windows.measured.reshape(-1, windows.measured.shape[2]))
     speed, command = np.concatenate(windows.speeds), np.concatenate(windows.commands)
-    usual = np.percentile(np.abs(speed), USUAL, axis=0)
+    usual = np.percentile(np.abs(speed), 90, axis=0)
     return Seen(np.nanmin(position, axis=0), np.nanmax(position, axis=0), usual, np.abs(command).max(axis=0, initial=0))
 
 
@@ -91,7 +88,7 @@ def columns(fit: Fit, free: Sequence[Hypothesis]) -> tuple[Linearisation, Array,
     out[..., simulated] = moved
     pushing = [c for c, (h, _, _) in enumerate(probes) if free[h].pushes]
     if pushing:
-        parts = min(PARTS, fit.problem.windows.steps)
+        parts = min(16, fit.problem.windows.steps)  # over each of which a force is averaged
         responses = fit.problem.responses(fit.point, range(fit.point.q.shape[1]), parts)
         forces = _forces(fit, [probes[c][2] for c in pushing], parts)
         out[..., pushing] = np.einsum("wrjb,cwbj->wrc", responses, forces, optimize=True)
@@ -108,7 +105,7 @@ def _simulated(
     linear, residuals = fit.problem.linearise(fit.point, [(*fit.effects, probe) for *_, probe in probes])
     noise = np.tile(fit.problem.noise, linear.residual.shape[1] // len(fit.problem.noise))
     moved = np.max(np.sqrt(np.mean(((residuals - linear.residual) * noise) ** 2, axis=2)), axis=1)
-    amounts = np.clip(GENTLE / np.maximum(moved, 1e-12), 1e-4, 1.0)
+    amounts = np.clip(NEARLY_LINEAR / np.maximum(moved, 1e-12), 1e-4, 1.0)
     again = [c for c, (h, _, _) in enumerate(probes) if amounts[c] < 1 and free[h].coefficients]
     if again:
         gentler = [free[probes[c][0]].probes(amounts[c])[probes[c][1]] for c in again]
@@ -121,8 +118,7 @@ def _forces(fit: Fit, effects: Sequence[Effect], parts: int) -> Array:
     """What effects would exert along the fitted motion, averaged over parts of windows, `[C, W, B, nv]`."""
     windows, simulator, point = fit.problem.windows, fit.problem.simulator, fit.point
     model, h = simulator.compile(point.variant), simulator.step
-    path = simulator.roll([point.variant], np.zeros(1, int), windows, point.q[None], point.v[None])
-    q, v, u = (x[0] for x in path)
+    q, v, u = fit.problem.path(point)
     middle_q = (q[:, 1:] + q[:, :-1]) / 2 - h / 8 * np.diff(v, axis=1)
     middle_v = 1.5 * np.diff(q, axis=1) / h - (v[:, 1:] + v[:, :-1]) / 4
     time = windows.begun[:, None] + (np.arange(windows.steps) + 0.5) * h

@@ -1,4 +1,4 @@
-"""Fits a force without a name, where no named effect suffices."""
+"""Fits a residual force, where no named effect suffices."""
 
 import itertools
 from collections.abc import Sequence
@@ -9,34 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
-from keycld_model.diagnosis.estimation.fit import Fit, Problem
+from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.estimation.gauss_newton import minimise
+from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.estimation.replay import replay
 from keycld_model.diagnosis.inputs.windows import Windows
 from keycld_model.diagnosis.simulation.simulator import usual_forces
 from keycld_model.rigid_body.residual_force import Features, ResidualForce
 
 Array = NDArray[np.float64]
-PIECE = 5
-"""Samples over which the missing force is taken as constant while weights are fitted."""
-WIDTHS = (0.5, 1.0, 2.0)
-"""Inverse length scales that are tried, in standard deviations of the inputs."""
-COUPLINGS = (1.0, 30.0, 1e6)
-"""How much more it takes for a force to depend on more than one joint."""
-DRIVINGS = (1.0, 1e6)
-"""How much more it takes for a motor's to depend on positions."""
-RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
-"""Prior precisions of weights that are tried, in units of the forces' own."""
 ROUNDS = 8
-TOLERANCE = 0.5
-"""Nats that a round must gain for another one."""
-CHOICES = 2
-"""Times that features and their prior are chosen."""
-FAR, SHORTER = 30.0, 4
-"""Variance over the sensor's from which windows are first cut into so many."""
-ROUNDING = 1e-11
-"""Relative; what sums of squares may be off by."""
-SETTLE = 12
-"""Gauss-Newton steps of initial states of longer windows."""
+"""Gauss-Newton steps of the weights at most; two where there is hardly anything to explain."""
+LEAST_GAIN = 0.5
+"""Nats that a step must gain for another one."""
 
 
 def fit_residual_force(fit: Fit, rounds: int = ROUNDS, seed: int = 0) -> Fit:
@@ -47,9 +32,9 @@ def fit_residual_force(fit: Fit, rounds: int = ROUNDS, seed: int = 0) -> Fit:
     the fit comes back as it is.
     """
     start = fit
-    if fit.chi_square > FAR:
-        short = replace(fit.problem, windows=fit.problem.windows.shorter(SHORTER))
-        start = replay(fit.problem, _added(replay(short, fit), fit.effects, rounds, seed), SETTLE)
+    if fit.chi_square > 30.0:
+        short = replace(fit.problem, windows=fit.problem.windows.shorter(4))
+        start = replay(fit.problem, _added(replay(short, fit), fit.effects, rounds, seed), 12)
     best = _added(start, fit.effects, rounds, seed)
     return best if best.cost < fit.cost else fit
 
@@ -58,18 +43,19 @@ def _added(start: Fit, named: Sequence[Effect], rounds: int, seed: int) -> Fit:
     """With a force beside named effects, fitted from a start that may have one."""
     model, paths = start.problem.simulator.model, _paths(start)
     hinge = np.array([model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in range(model.njnt)])
-    drawn = [Features.draw(hinge, *paths, width, seed) for width in WIDTHS]
+    drawn = [Features.draw(hinge, *paths, width, seed) for width in (0.5, 1.0, 2.0)]  # inverse length scales
     none = np.zeros((drawn[0](*paths).shape[-1], model.nv))
-    drivings = DRIVINGS if np.any(paths[2]) else DRIVINGS[-1:]
-    priors = list(itertools.product(RIDGES, COUPLINGS, drivings))
+    couplings = (1.0, 30.0, 1e6)  # how much more it takes for a force to depend on more than one joint
+    drivings = (1.0, 1e6) if np.any(paths[2]) else (1e6,)  # and for a motor's to depend on positions
+    priors = list(itertools.product(10.0 ** np.arange(-4, 3), couplings, drivings))
     choices = [ResidualForce("", f, none, f.precision(*prior)) for f in drawn for prior in priors]
     best = start
-    for _ in range(CHOICES):
+    for _ in range(2):
         normal = _Normal.at(best)
         force = choices[int(normal.evidence(choices).argmax())]
         weights, values = normal.solve(force)
         new = _descend(_moved(best, named, replace(force, weights=weights), values), rounds)
-        if new.cost > best.cost - TOLERANCE:
+        if new.cost > best.cost - LEAST_GAIN:
             break
         best = new
     return best
@@ -80,7 +66,7 @@ def lengthened(fit: Fit, problem: Problem, rounds: int = ROUNDS) -> Fit:
 
     The force is then at the joint where it explains most.
     """
-    return _placed(replay(fit.problem, _descend(replay(problem, fit, SETTLE), rounds)))
+    return _placed(replay(fit.problem, _descend(replay(problem, fit, 12), rounds)))
 
 
 def residual_force_of(fit: Fit) -> ResidualForce | None:
@@ -92,7 +78,7 @@ def residual_force_of(fit: Fit) -> ResidualForce | None:
 def _moved(fit: Fit, named: Sequence[Effect], force: ResidualForce, values: Array) -> Fit:
     """A fit with another force and nuisances, and states fitted to them."""
     point = fit.point.with_effects(*named, force)
-    return fit.problem.minimise(replace(point, variant=replace(point.variant, values=values)), 3, only_states=True)
+    return minimise(fit.problem, replace(point, variant=replace(point.variant, values=values)), 3, only_states=True)
 
 
 def _placed(fit: Fit) -> Fit:
@@ -116,7 +102,7 @@ def _descend(fit: Fit, rounds: int) -> Fit:
         for fraction in (1.0, 0.5, 0.2, 0.1):
             tried = replace(force, weights=force.weights + fraction * (weights - force.weights))
             new = _moved(fit, fit.effects[:-1], tried, old + fraction * (values - old))
-            if new.cost + tried.penalty(scale) < fit.cost + force.penalty(scale) - TOLERANCE:
+            if new.cost + tried.penalty(scale) < fit.cost + force.penalty(scale) - LEAST_GAIN:
                 break
         else:
             break
@@ -125,17 +111,16 @@ def _descend(fit: Fit, rounds: int) -> Fit:
 
 
 def _parts(windows: Windows) -> int:
-    """Pieces over which the missing force is taken as constant while weights are fitted."""
-    return max(1, windows.time.shape[1] // PIECE)
+    """Pieces, of five samples, over which the missing force is taken as constant while weights are fitted."""
+    return max(1, windows.samples // 5)
 
 
 def _paths(fit: Fit) -> tuple[Array, Array, Array]:
     """Positions, velocities and commands in the middle of the pieces, `[W, B, ...]`."""
-    problem, point = fit.problem, fit.point
-    q, v, u = problem.simulator.roll([point.variant], np.zeros(1, int), problem.windows, point.q[None], point.v[None])
-    edges = problem.windows.edges(_parts(problem.windows))
+    edges = fit.problem.windows.edges(_parts(fit.problem.windows))
     middle = (edges[1:] + edges[:-1]) // 2
-    return q[0][:, middle], v[0][:, middle], u[0][:, middle]
+    q, v, u = fit.problem.path(fit.point)
+    return q[:, middle], v[:, middle], u[:, middle]
 
 
 @dataclass(frozen=True)
@@ -164,7 +149,7 @@ class _Normal:
         responses = problem.responses(point, range(nv), _parts(problem.windows))
         columns = np.swapaxes(responses, 2, 3).reshape(*linear.residual.shape, -1)
         whole = replace(linear, shared=np.concatenate([linear.shared[..., :n], columns], axis=-1))
-        whole = whole.weighted(whole.outlier_weights())
+        whole = whole.weighted(whole.huber_weights(problem.criteria.significant))
         reduced, residual = whole.project(whole.shared), whole.project(whole.residual[..., None])[..., 0]
         matrices, force = np.einsum("wri,wrj->wij", reduced, reduced), residual_force_of(fit)
         here = np.zeros(matrices.shape[:2])
@@ -237,5 +222,5 @@ class _Normal:
 def _factored(matrix: Array) -> tuple[Array, Array]:
     """L and s with matrix = diag(s) L L' diag(s) up to rounding, which stiff stops lift above the priors."""
     scale = np.sqrt(np.diag(matrix))
-    low = np.linalg.cholesky(matrix / np.outer(scale, scale) + ROUNDING * np.eye(len(matrix)))
+    low = np.linalg.cholesky(matrix / np.outer(scale, scale) + 1e-11 * np.eye(len(matrix)))
     return np.asarray(low, np.float64), scale

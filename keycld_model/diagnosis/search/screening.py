@@ -8,13 +8,10 @@ from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
 from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.search.effort import EFFORT
 from keycld_model.diagnosis.search.hypotheses import Hypothesis, columns
 
 Array = NDArray[np.float64]
-PARTNERS = 40
-"""Pairs that are tried with every third effect."""
-LEFT = 1e-3
-"""Share of a column that others must leave of it, for its coefficient to mean anything."""
 
 
 def promising(fit: Fit, free: Sequence[Hypothesis], numbers: Mapping[int, int]) -> Iterator[tuple[Effect, ...]]:
@@ -33,7 +30,7 @@ def promising(fit: Fit, free: Sequence[Hypothesis], numbers: Mapping[int, int]) 
         if size == 2:
             sets = np.stack(np.triu_indices(number, 1), axis=1)
         elif size == 3:
-            best = sets[np.argsort(-worth)[:PARTNERS]]
+            best = sets[np.argsort(-worth)[: EFFORT.pairs]]
             sets = np.column_stack([np.repeat(best, number, axis=0), np.tile(np.arange(number), len(best))])
         worth, coefficients = screening.evaluate(sets)
         seen: set[frozenset[tuple[str, str]]] = set()
@@ -74,7 +71,7 @@ class _Screening:
     @classmethod
     def of(cls, fit: Fit, free: Sequence[Hypothesis]) -> "_Screening":
         linear, added, members = columns(fit, free)
-        weights = linear.outlier_weights()
+        weights = linear.huber_weights(fit.problem.criteria.significant)
         linear, added = linear.weighted(weights), added * weights[..., None]
         everything = linear.project(np.concatenate([linear.shared, added, linear.residual[..., None]], axis=-1))
         flat = everything.reshape(-1, everything.shape[-1])
@@ -119,7 +116,8 @@ class _Screening:
         coefficients = np.linalg.solve(regular, (vector / scale)[..., None])[..., 0] / scale
         worth = 0.5 * np.einsum("ni,ni->n", vector, coefficients) - self.price[sets].sum(axis=1)
         coefficients = coefficients.reshape(n, size, self.members.shape[1])
-        nothing = (~empty & (scale < LEFT * np.sqrt(np.maximum(self.own[at], 1e-12)))).any(axis=1)
+        least = 1e-3  # share of a column that others must leave of it, for its coefficient to mean anything
+        nothing = (~empty & (scale < least * np.sqrt(np.maximum(self.own[at], 1e-12)))).any(axis=1)
         barred = ((coefficients < self.least[sets]) | (coefficients > self.most[sets])).any(axis=(1, 2))
         place = np.sort(self.place[sets], axis=1)
         twice = (place[:, 1:] == place[:, :-1]).any(axis=1)

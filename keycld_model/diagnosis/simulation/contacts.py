@@ -7,21 +7,21 @@ import mujoco
 import numpy as np
 
 from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.observation import Observation
 from keycld_model.rigid_body.mechanism import may_collide
 
-POSES = 2000
-"""Of each recording that are tried, at most."""
 
-
-def without_contacts(model: mujoco.MjModel, recordings: Sequence[Recording]) -> mujoco.MjModel:
+def without_contacts(
+    model: mujoco.MjModel, recordings: Sequence[Recording], observation: Observation
+) -> mujoco.MjModel:
     """The model with geometry that does not collide, if nothing touches in any recorded pose; else the model itself."""
     if not may_collide(model) or model.npair:
         return model
     data = mujoco.MjData(model)
     for recording in recordings:
-        q = np.asarray(recording.qpos)
+        q = observation.positions(observation.measured(recording))
         q = q[np.isfinite(q).all(axis=1)]
-        for pose in q[:: max(1, len(q) // POSES)]:
+        for pose in q[:: max(1, len(q) // 2000)]:  # so many poses tell
             data.qpos[:] = pose
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from keycld_envs.constants import update_constants
 from keycld_envs.effects import Effect
-from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.verdict.region import Shape, shape_of
 
@@ -69,7 +68,7 @@ class Evidence:
         noise: `[nv]` standard deviation of the sensor's noise, rad or m.
         rollouts: one per held-out recording.
         residuals: one per training recording.
-        shape: of the force without a name, if there is one.
+        shape: of the residual force, if there is one.
     """
 
     nominal: mujoco.MjModel
@@ -95,19 +94,13 @@ def with_effects(model: mujoco.MjModel, effects: Sequence[Effect]) -> mujoco.MjM
     return edited
 
 
-def evidence(
-    nominal: mujoco.MjModel,
-    windows: tuple[Fit, Fit],
-    rollouts: tuple[Fit, Fit],
-    recordings: tuple[Sequence[Recording], Sequence[Recording]],
-) -> Evidence:
+def evidence(nominal: mujoco.MjModel, windows: tuple[Fit, Fit], rollouts: tuple[Fit, Fit]) -> Evidence:
     """Gather it from fits.
 
     Args:
         nominal: the simulator as it was.
         windows: refitted and corrected, of training recordings.
         rollouts: refitted and corrected, of held-out recordings.
-        recordings: training and held-out.
     """
     chosen = windows[1]
     simulator, bare = chosen.problem.simulator, replace(chosen.point.variant, effects=())
@@ -116,18 +109,18 @@ def evidence(
         refitted=simulator.compile(bare),
         effects=chosen.effects,
         noise=chosen.problem.noise,
-        rollouts=tuple(_rollouts(rollouts, recordings[1])),
-        residuals=tuple(_residuals(windows, recordings[0])),
+        rollouts=tuple(_rollouts(rollouts)),
+        residuals=tuple(_residuals(windows)),
         shape=next((shape_of(chosen, e) for e in chosen.effects if e.id == "unknown"), None),
     )
 
 
-def _rollouts(fits: tuple[Fit, Fit], recordings: Sequence[Recording]) -> list[Rollout]:
+def _rollouts(fits: tuple[Fit, Fit]) -> list[Rollout]:
     pieces = fits[0].problem.windows
-    refitted, corrected = (_predicted(fit) for fit in fits)
+    refitted, corrected = (fit.problem.predicted(fit.point) for fit in fits)
     return [
         Rollout(
-            recording=recordings[r].id,
+            recording=pieces.ids[r],
             time=pieces.time[rows].ravel(),
             measured=np.concatenate(pieces.measured[rows]),
             refitted=np.concatenate(refitted[rows]),
@@ -138,12 +131,12 @@ def _rollouts(fits: tuple[Fit, Fit], recordings: Sequence[Recording]) -> list[Ro
     ]
 
 
-def _residuals(fits: tuple[Fit, Fit], recordings: Sequence[Recording]) -> list[Residuals]:
+def _residuals(fits: tuple[Fit, Fit]) -> list[Residuals]:
     pieces, noise = fits[0].problem.windows, fits[0].problem.noise
-    before, after = ((pieces.measured - _predicted(fit)) / noise for fit in fits)
+    before, after = ((pieces.measured - fit.problem.predicted(fit.point)) / noise for fit in fits)
     return [
         Residuals(
-            recording=recordings[r].id,
+            recording=pieces.ids[r],
             time=pieces.time[rows].ravel(),
             before=np.concatenate(before[rows]),
             after=np.concatenate(after[rows]),
@@ -156,10 +149,3 @@ def _residuals(fits: tuple[Fit, Fit], recordings: Sequence[Recording]) -> list[R
 def _by_recording(recording: NDArray[np.int64]) -> list[tuple[int, NDArray[np.int64]]]:
     """Indices of recordings, and rows of their windows."""
     return [(int(r), np.flatnonzero(recording == r)) for r in np.unique(recording)]
-
-
-def _predicted(fit: Fit) -> Array:
-    """`[W, n, nv]` rad or m."""
-    problem, point = fit.problem, fit.point
-    which = np.zeros(1, dtype=np.int64)
-    return problem.simulator.simulate([point.variant], which, problem.windows, point.q[None], point.v[None])[0]

@@ -5,21 +5,19 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect, ExternalPulse, GravityTilt
-from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.estimation.fit import Fit, knobs
+from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.estimation.parameters import effect_parameters
 from keycld_model.diagnosis.estimation.pulses import joined
 from keycld_model.diagnosis.estimation.replay import mean_square
-from keycld_model.diagnosis.search.search import Scored, Search
+from keycld_model.diagnosis.search.criterion import Scored, above_noise
+from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.verdict.region import shape_of
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Unexplained, Verdict
+from keycld_model.diagnosis.verdict.rivals import Rivals
 from keycld_model.rigid_body.residual_force import ResidualForce
 
-EXPLAINED, SURE = 0.15, 4.0
-"""Above one, what the mean square of whitened residuals may be where only noise is left: the variance of the noise is
-known to some 5 %, and the mean square to so many standard deviations."""
 RIGHT = {"explained": 0.92, "left": 0.19, "beside": 0.28}
 """What a set's weight is multiplied by, so that confidence is on average the share of findings that are right, by
 Laplace's rule on 400 sealed cases (docs/blind.md): where named effects leave only noise, where they leave more, and
@@ -36,18 +34,16 @@ ALONG = {
 """Units of a slide, for those of a hinge."""
 
 
-def findings_of(best: Scored, rivals: dict[tuple[str, str], list[Scored]], search: Search) -> list[Finding]:
+def findings_of(best: Scored, rivals: Rivals, search: Search) -> list[Finding]:
     """One per effect of the best set, with 90 % intervals, and what the data do not exclude in its place."""
-    deviations = iter(best.fit.deviations() * np.sqrt(max(search.temper, best.fit.chi_square)))
+    deviations = iter(best.fit.deviations() * np.sqrt(max(search.dispersion, best.fit.chi_square)))
     weights = {keys: np.exp(min(0.0, best.score - s.score)) for keys, s in search.found.items()}
     total, model = sum(weights.values()), best.fit.problem.simulator.model
     out = []
     for effect in best.fit.effects:
-        sets = rivals.get(effect.key, ())
-        others = {(e.id, e.kind, e.where) for s in sets for e in s.fit.effects if e.key not in best.keys}
+        others = rivals.others(effect)
         if effect.id == GravityTilt.id and model.njnt == 1 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_HINGE:
             others.add(("encoder_zero", "joint", model.joint(0).name))  # the same, but for what is expected of encoders
-        others.discard((effect.id, effect.kind, effect.where))
         out.append(
             Finding(
                 effect=effect.id,
@@ -69,20 +65,15 @@ def _region(fit: Fit, effect: Effect) -> dict[str, tuple[float, float]] | None:
     return None if shape is None else shape.region()
 
 
-def rival_name(rival: Effect, effect: Effect) -> str:
-    """What an effect in another's place is called."""
-    return rival.id if rival.where == effect.where else f"{rival.id} at {rival.where}"
-
-
 def _estimates(effect: Effect, deviations: Iterator[float], model: mujoco.MjModel) -> dict[str, Estimate]:
     out = {}
-    for knob in knobs([effect]):
-        value, deviation = getattr(effect, knob.parameter.name), 1.645 * next(deviations)
-        low, high = max(value - deviation, knob.parameter.low), min(value + deviation, knob.parameter.high)
-        unit = knob.parameter.unit
-        if _slides(effect, model) and knob.parameter.name != "w":  # an angular frequency in time
+    for known in effect_parameters([effect]):
+        value, deviation = getattr(effect, known.parameter.name), 1.645 * next(deviations)
+        low, high = max(value - deviation, known.parameter.low), min(value + deviation, known.parameter.high)
+        unit = known.parameter.unit
+        if _slides(effect, model) and known.parameter.name != "w":  # an angular frequency in time
             unit = ALONG.get(unit, unit)
-        out[knob.parameter.name] = Estimate(value, unit, low, high)
+        out[known.parameter.name] = Estimate(value, unit, low, high)
     return out
 
 
@@ -99,9 +90,8 @@ def _slides(effect: Effect, model: mujoco.MjModel) -> bool:
 
 def nuisance_of(fit: Fit) -> dict[str, Estimate]:
     """Refitted masses, lengths and zeros with 90 % intervals."""
-    covariance = np.diag(np.linalg.pinv(fit.hessian))
     out = {}
-    values = zip(fit.problem.simulator.nuisances, fit.point.variant.values, covariance, strict=False)
+    values = zip(fit.problem.nuisances, fit.point.variant.values, np.diag(fit.covariance), strict=False)
     for nuisance, value, variance in values:
         spread = 1.645 * np.sqrt(max(variance, 0.0))
         low, high = value - spread, value + spread
@@ -111,20 +101,19 @@ def nuisance_of(fit: Fit) -> dict[str, Estimate]:
     return out
 
 
-def significant(fit: Fit) -> NDArray[np.float64]:
-    """By how much the mean square of whitened residuals of each joint is more than noise; negative where it is not."""
-    left = mean_square(fit)
-    return left - 1 - EXPLAINED - SURE * np.sqrt(2 / (fit.problem.samples / len(left)))
+def unexplained_of(refitted: Fit, chosen: Fit) -> Unexplained:
+    """What fits to held-out recordings leave.
 
-
-def unexplained_of(refitted: Fit, chosen: Fit, model: mujoco.MjModel) -> Unexplained:
-    """From fits to held-out recordings."""
+    Args:
+        refitted: nuisances alone.
+        chosen: with what was found.
+    """
     before, after = (mean_square(fit) for fit in (refitted, chosen))
-    excess = significant(chosen)
+    excess = above_noise(chosen)
     worst = int(excess.argmax())
     more = bool(excess[worst] > 0)
     fraction = float(np.clip((after[worst] - 1) / max(float(before[worst]) - 1, 1e-9), 0, 1)) if more else 0.0
-    joint = model.joint(worst).name
+    joint = chosen.problem.windows.observation.names[worst]
     message = "What is left is noise."
     if more:
         message = (
@@ -134,16 +123,16 @@ def unexplained_of(refitted: Fit, chosen: Fit, model: mujoco.MjModel) -> Unexpla
     return Unexplained(more, round(fraction, 4), joint if more else None, message)
 
 
-def pulses_of(fit: Fit, recordings: Sequence[Recording]) -> list[Finding]:
+def pulses_of(fit: Fit) -> list[Finding]:
     """One finding per joint that is pushed."""
-    model, step = fit.problem.simulator.model, fit.problem.simulator.step
+    model, step, ids = fit.problem.simulator.model, fit.problem.simulator.step, fit.problem.windows.ids
     pulses = joined(fit.point.variant.pulses, 3 * step)
     out = []
     for dof in sorted({p.dof for p in pulses}):
         own = [p for p in pulses if p.dof == dof]
         when: dict[str, list[tuple[float, float]]] = {}
         for p in own:
-            when.setdefault(recordings[p.recording].id, []).append((p.start, p.start + p.duration))
+            when.setdefault(ids[p.recording], []).append((p.start, p.start + p.duration))
         sizes = np.array([abs(p.force) for p in own])
         joint = model.joint(int(model.dof_jntid[dof]))
         unit = "N m" if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE else "N"
@@ -163,8 +152,8 @@ def pulses_of(fit: Fit, recordings: Sequence[Recording]) -> list[Finding]:
     return out
 
 
-def unknown_of(fit: Fit, share: float) -> Finding:
-    """The finding of a force without a name, which gained a share of all that was gained on held-out recordings."""
+def residual_force_finding(fit: Fit, share: float) -> Finding:
+    """The finding of a residual force, which gained a share of all that was gained on held-out recordings."""
     effect = fit.effects[-1]
     return Finding(
         effect=effect.id,

@@ -8,22 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.estimation.fit import Fit, Point, Problem, knobs
+from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.estimation.parameters import effect_parameters
+from keycld_model.diagnosis.estimation.point import Point
+from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.inputs.prepare import spacing
 from keycld_model.diagnosis.inputs.windows import Windows, cut
 from keycld_model.diagnosis.verdict.report import Experiment
 
 Array = NDArray[np.float64]
-RELEASES, SHIFTS = (0.3, 1.0, 2.5), (0.05, 0.2, 0.5)
-"""Rad and m from rest."""
-AMPLITUDES = (0.25, 1.0, 2.0)
-"""Of commands, times the greatest that was recorded."""
-SLOW, FAST, HELD = 0.4, 2.0, 0.4
-"""Hz of slow and fast sines, and seconds for which steps are held."""
 FASTEST = 15.0
 """Rad/s or m/s; nothing that moves faster is proposed, unless the recordings were faster."""
-ENOUGH = 3.0
-"""Nats that an experiment must be expected to tell; if none does, none is proposed."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +40,7 @@ class _Motion:
     commands: Array
 
 
-def next_experiment(
-    truth: Fit, rivals: Sequence[tuple[str, Fit]], recordings: Sequence[Recording], n: int
-) -> Experiment | None:
+def next_experiment(truth: Fit, rivals: Sequence[tuple[str, Fit]], n: int) -> Experiment | None:
     """The motion in which the least different of the rivals differs most from what is believed.
 
     What a rival would have to leave of the motion that is believed is counted with its own numbers free within what
@@ -57,23 +50,21 @@ def next_experiment(
     Args:
         truth: what is believed.
         rivals: by name, what is not excluded.
-        recordings: so far.
         n: samples of the motion; the time between them is that of the recordings.
 
     Returns:
-        The experiment, with "nats" below `ENOUGH` where none tells them apart; None where nothing can be released or
+        The experiment, which is not decisive where none tells them apart; None where nothing can be released or
         driven.
     """
-    model, problem = truth.problem.simulator.model, truth.problem
+    model, problem, recordings = truth.problem.simulator.model, truth.problem, truth.problem.windows.recordings
     motions = list(_motions(model, recordings, n))
     if not motions:
         return None
-    windows = _windows(motions, recordings, problem.windows.step, n)
+    windows = _windows(motions, problem.windows, n)
     pose = np.stack([m.pose for m in motions])
-    at_rest = Point(truth.point.variant.elsewhere(), pose, np.zeros_like(pose))
-    which = np.zeros(1, dtype=np.int64)
-    predicted = problem.simulator.simulate([at_rest.variant], which, windows, pose[None], at_rest.v[None])[0]
-    trial = Problem(problem.simulator, replace(windows, measured=predicted), problem.noise)
+    at_rest = Point(truth.point.variant.for_other_recordings(), pose, np.zeros_like(pose))
+    predicted = replace(problem, windows=windows).predicted(at_rest)
+    trial = replace(problem, windows=replace(windows, measured=predicted))
     told = np.min([_told(trial, at_rest, fit) for _, fit in rivals], axis=0)
     told[~_safe(predicted, windows.time, recordings)] = 0.0
     best = int(np.argmax(told))
@@ -85,14 +76,14 @@ def next_experiment(
         start=dict(zip((model.joint(j).name for j in range(model.njnt)), chosen.pose.round(3).tolist(), strict=True)),
         nats=round(nats, 1),
         against=[name for name, _ in rivals],
-        decisive=nats > ENOUGH,
+        decisive=nats > problem.criteria.doubtful,
     )
 
 
 def _told(trial: Problem, point: Point, rival: Fit) -> Array:
     """Nats per motion that a rival would lose on it, `[W]`."""
-    linear, _ = trial.linearise(replace(point, variant=rival.point.variant.elsewhere()))
-    numbers = len(trial.spreads) + len(knobs(rival.effects))
+    linear, _ = trial.linearise(replace(point, variant=rival.point.variant.for_other_recordings()))
+    numbers = len(trial.spreads) + len(effect_parameters(rival.effects))
     residual, shared = linear.project(linear.residual[..., None])[..., 0], linear.project(linear.shared[..., :numbers])
     pull = np.einsum("wri,wr->wi", shared, residual)
     hessian = np.einsum("wri,wrj->wij", shared, shared) + rival.hessian[:numbers, :numbers]
@@ -117,22 +108,24 @@ def _motions(model: mujoco.MjModel, recordings: Sequence[Recording], n: int) -> 
     rest, still = _rest(model, recordings), np.zeros((n, commanded))
     for j in range(model.njnt):
         turns = model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
-        for size in () if model.neq else RELEASES if turns else SHIFTS:  # a loop does not let one joint move
+        for size in (
+            () if model.neq else (0.3, 1.0, 2.5) if turns else (0.05, 0.2, 0.5)
+        ):  # a loop does not let one joint move
             pose = rest.copy()
             pose[j] += size
             away = f"{size:g} {'rad' if turns else 'm'} from rest"
             yield _Motion("joint", model.joint(j).name, f"release it {away}", pose, still)
     t = spacing(recordings) * np.arange(n)
-    steps = np.random.default_rng(0).uniform(-1, 1, int(t[-1] / HELD) + 1)
+    steps = np.random.default_rng(0).uniform(-1, 1, int(t[-1] / 0.4) + 1)
     shapes = {
-        f"a sine of {SLOW:g} Hz": np.sin(2 * np.pi * SLOW * t),
-        f"a sine of {FAST:g} Hz": np.sin(2 * np.pi * FAST * t),
-        f"random steps every {HELD:g} s": steps[(t / HELD).astype(int)] / np.abs(steps).max(),
+        "a sine of 0.4 Hz": np.sin(2 * np.pi * 0.4 * t),
+        "a sine of 2 Hz": np.sin(2 * np.pi * 2.0 * t),
+        "random steps every 0.4 s": steps[(t / 0.4).astype(int)] / np.abs(steps).max(),
     }
     for i in range(commanded):
         used = max((float(np.abs(r.action[:, i]).max()) for r in recordings if r.action is not None), default=0.0)
         limit = float(np.abs(model.actuator_ctrlrange[i]).max()) if model.actuator_ctrllimited[i] else np.inf
-        for size in sorted({min(limit, a * (used or min(limit, 1.0))) for a in AMPLITUDES}):
+        for size in sorted({min(limit, a * (used or min(limit, 1.0))) for a in (0.25, 1.0, 2.0)}):
             for name, shape in shapes.items():
                 commands = still.copy()
                 commands[:, i] = size * shape
@@ -156,8 +149,9 @@ def _rest(model: mujoco.MjModel, recordings: Sequence[Recording]) -> Array:
     return np.array(min(poses, key=energy))
 
 
-def _windows(motions: Sequence[_Motion], recordings: Sequence[Recording], step: float, n: int) -> Windows:
+def _windows(motions: Sequence[_Motion], windows: Windows, n: int) -> Windows:
     """One window per motion."""
+    recordings = windows.recordings
     t = spacing(recordings) * np.arange(n)
     planned = [
         replace(
@@ -174,4 +168,4 @@ def _windows(motions: Sequence[_Motion], recordings: Sequence[Recording], step: 
         )
         for i, m in enumerate(motions)
     ]
-    return cut(planned, step, n)
+    return cut(planned, windows.observation, windows.step, n)

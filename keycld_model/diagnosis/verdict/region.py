@@ -7,13 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
+from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.estimation.fit import Fit
 
 Array = NDArray[np.float64]
-SHARE = 0.9
-"""Of the squared force, and of the time, that intervals hold."""
-CONFINED = 0.5
-"""Length of the interval of the force, relative to that of the time, below which the force is confined."""
 
 
 @dataclass(frozen=True)
@@ -34,19 +31,19 @@ class Shape:
     speed: Array
     force: Array
 
-    def region(self) -> dict[str, tuple[float, float]] | None:
+    def region(self, criteria: Criteria = STANDARD) -> dict[str, tuple[float, float]] | None:
         """Positions and speeds to which the force is confined; see `Finding`.
 
-        The shortest interval that holds `SHARE` of the squared force is compared with the shortest that holds as much
-        of the time.
+        The shortest interval that holds most of the squared force is compared with the shortest that holds as much of
+        the time.
         """
         out, weight = {}, self.force**2
         for signal, values in (("qpos", self.position), ("qvel", self.speed)):
             if weight.sum() == 0:
                 continue
-            low, high = _shortest(values, weight)
-            begin, end = _shortest(values, np.ones_like(values))
-            if high - low < CONFINED * (end - begin):
+            low, high = _shortest(values, weight, criteria.region)
+            begin, end = _shortest(values, np.ones_like(values), criteria.region)
+            if high - low < criteria.confined * (end - begin):
                 out[f"{signal}:{self.joint}"] = (round(low, 4), round(high, 4))
         return out or None
 
@@ -57,9 +54,8 @@ def shape_of(fit: Fit, effect: Effect) -> Shape | None:
     partly = type(effect).edit is not Effect.edit
     if effect.kind != "joint" or partly or not effect.forces or effect.memory:
         return None
-    windows, which = fit.problem.windows, np.zeros(1, dtype=np.int64)
-    q, v, u = fit.problem.simulator.roll([point.variant], which, windows, point.q[None], point.v[None])
-    q, v, u = q[0, :, :-1], v[0, :, :-1], u[0]
+    windows, (q, v, u) = fit.problem.windows, fit.problem.path(point)
+    q, v = q[:, :-1], v[:, :-1]
     t = windows.begun[:, None] + windows.step * np.arange(q.shape[1])
     edited = fit.problem.simulator.compile(point.variant)
     joint = model.joint(effect.where).id
@@ -71,11 +67,11 @@ def shape_of(fit: Fit, effect: Effect) -> Shape | None:
     return Shape(effect.where, turns, position, v[..., joint].ravel(), force)
 
 
-def _shortest(values: Array, weight: Array) -> tuple[float, float]:
-    """The shortest interval of values that holds `SHARE` of the weight."""
+def _shortest(values: Array, weight: Array, share: float) -> tuple[float, float]:
+    """The shortest interval of values that holds a share of the weight."""
     order = np.argsort(values)
     x, total = values[order], np.concatenate([[0.0], np.cumsum(weight[order])])
-    last = np.searchsorted(total, total[:-1] + SHARE * total[-1] * (1 - 1e-9))  # first sum that is enough, from each
+    last = np.searchsorted(total, total[:-1] + share * total[-1] * (1 - 1e-9))  # first sum that is enough, from each
     fits = last < len(total)
     begin = np.flatnonzero(fits)
     best = int(begin[np.argmin(x[last[fits] - 1] - x[begin])])

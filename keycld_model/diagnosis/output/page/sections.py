@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from keycld_envs.effects import Effect, effect_class
+from keycld_model.diagnosis.observation.nuisance import FACTOR_UNIT
 from keycld_model.diagnosis.output.native import native
 from keycld_model.diagnosis.output.page.geometry import HINGE
 from keycld_model.diagnosis.output.page.mathml import mathml
@@ -20,7 +21,6 @@ from keycld_model.diagnosis.output.words import (
     place,
     spelled_out,
 )
-from keycld_model.diagnosis.simulation.nuisance import CAMERA
 from keycld_model.diagnosis.verdict.evidence import Evidence
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, Report
 
@@ -148,7 +148,7 @@ def nuisances(report: Report, model: mujoco.MjModel) -> str:
             shown = Estimate(1e3 * estimate.value, "1", 1e3 * estimate.low, 1e3 * estimate.high)
             text = f"{measured(shown)} {'mrad' if kinds.get(of, True) else 'mm'}"
             middle, spread = estimate.value / 0.05, (estimate.high - estimate.low) / 0.1
-        elif kind in CAMERA:
+        elif estimate.unit != FACTOR_UNIT:
             text, middle = measured(estimate), estimate.value / 0.05
             spread = (estimate.high - estimate.low) / 0.1
         else:

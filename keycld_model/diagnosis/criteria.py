@@ -1,0 +1,75 @@
+"""What decides a diagnosis: every threshold, with its unit and its reason; nothing else in the core is tuned.
+
+Nats are differences of log-likelihood: an alternative that gains 3 nats is twenty times as likely.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """Thresholds and priors of a diagnosis.
+
+    Attributes:
+        window_samples: samples of a window; long enough to show friction, short enough that rollouts stay near.
+        rollout_windows: windows that a rollout over held-out recordings is as long as.
+        mass_spread: standard deviation expected of the logarithms of masses and lengths: scales and rulers at hand.
+        zero_spread: standard deviation expected of an encoder's zero, rad or m.
+        view_spread: standard deviation expected of what a camera that looks askew adds to a position, rad or m.
+        shutter_spread: standard deviation expected of the time that a shutter takes to roll across an image, s.
+        farthest: standard deviations that a nuisance may be off; recordings of released mechanisms say nothing of mass
+            and force but their ratio, and masses would run away.
+        certain: nats that findings must gain, their parameters paid for, for the verdict "mismatch".
+        doubtful: nats below which findings are not mentioned, and changes of a fit or an experiment do not matter.
+        rival: nats within which a set of effects is not excluded by the best one.
+        effect: nats that an effect must gain beyond the price of its parameters, for it was one among hundreds.
+        effect_share: share of all that a set gains that each of its effects must gain; named effects are idealised
+            forms, of dry friction near standstill above all, and what gains less may only mend the form of another.
+        effect_share_beside_pulses: the same beside pulses, whose times are found to some share of a step only.
+        most_effects: effects in a set; where more seem to be needed, the true one is not in the library.
+        noise_variance: mean square of whitened residuals, per degree of freedom, up to which a fit leaves noise.
+        noise_uncertainty: share that the estimated variance of the noise may be off; it is known to some 5 %.
+        significant: standard deviations from which a deviation is no coincidence: of a mean square, from noise, and of
+            a sample, which counts linearly from there on (Huber).
+        pulse: nats that a pulse must gain: three parameters, and its time and joint were searched for.
+        pulse_joint: nats that pulses at a further joint must gain; short pulses at different joints look alike.
+        pulse_windows: windows with the gain of a pulse that are no coincidence; of 75 null cases none had two.
+        pulse_share: share of the windows that pulses may be in; where there are more, it is something else.
+        idealised_share: share of the misfit that idealised forms leave, and flexible ones may mend: what pulses may
+            leave, and what a residual force must gain beside named effects.
+        residual_force: nats that a residual force must gain on held-out recordings; its form is free.
+        unexplained_share: share of the misfit that named effects may leave, for them to be certain.
+        region: share of the squared force, and of the time, that intervals of positions and speeds hold.
+        confined: length of the interval of a force, relative to that of the time, below which it is confined.
+    """
+
+    window_samples: int = 40
+    rollout_windows: int = 4
+    mass_spread: float = 0.12
+    zero_spread: float = 0.015
+    view_spread: float = 0.03
+    shutter_spread: float = 0.01
+    farthest: float = 8.0
+    certain: float = 10.0
+    doubtful: float = 3.0
+    rival: float = 4.0
+    effect: float = 6.0
+    effect_share: float = 0.0005
+    effect_share_beside_pulses: float = 0.01
+    most_effects: int = 3
+    noise_variance: float = 1.3
+    noise_uncertainty: float = 0.15
+    significant: float = 4.0
+    pulse: float = 20.0
+    pulse_joint: float = 60.0
+    pulse_windows: int = 2
+    pulse_share: float = 0.7
+    idealised_share: float = 0.02
+    residual_force: float = 15.0
+    unexplained_share: float = 0.1
+    region: float = 0.9
+    confined: float = 0.5
+
+
+STANDARD = Criteria()
+"""Those of `diagnose` unless others are handed in."""

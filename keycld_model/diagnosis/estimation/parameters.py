@@ -1,0 +1,56 @@
+"""The parameters of several effects in a row."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.effects import Effect, Parameter
+from keycld_envs.effects.base import TransmissionEffect
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter of one of several effects.
+
+    Attributes:
+        effect: index of the effect.
+        parameter: what is known of it.
+    """
+
+    effect: int
+    parameter: Parameter
+
+    def of(self, effects: Sequence[Effect]) -> float:
+        """Its value."""
+        return float(getattr(effects[self.effect], self.parameter.name))
+
+    def step(self, effects: Sequence[Effect]) -> float:
+        """Step of a finite difference: inwards near the upper bound, and short for rotors, which swing fast."""
+        value = self.of(effects)
+        share = 0.001 if isinstance(effects[self.effect], TransmissionEffect) else 0.02
+        step = share * max(0.1 * self.parameter.scale, abs(value) * 0.5)
+        return -step if value + step > self.parameter.high else step
+
+
+def effect_parameters(effects: Sequence[Effect]) -> list[EffectParameter]:
+    """All parameters of effects, in order."""
+    return [EffectParameter(i, p) for i, effect in enumerate(effects) for p in effect.parameters()]
+
+
+def with_parameter(effects: Sequence[Effect], parameter: EffectParameter, value: float) -> tuple[Effect, ...]:
+    """The effects with one parameter set."""
+    name = parameter.parameter.name
+    return tuple(replace(e, **{name: value}) if i == parameter.effect else e for i, e in enumerate(effects))
+
+
+def moved(effects: Sequence[Effect], step: NDArray[np.float64]) -> tuple[tuple[Effect, ...], NDArray[np.float64]]:
+    """The effects after a step of all their parameters, within their bounds; and the step that was taken."""
+    out, taken = tuple(effects), step.copy()
+    for k, parameter in enumerate(effect_parameters(effects)):
+        old = parameter.of(out)
+        new = float(np.clip(old + step[k], parameter.parameter.low, parameter.parameter.high))
+        taken[k] = new - old
+        out = with_parameter(out, parameter, new)
+    return out, taken

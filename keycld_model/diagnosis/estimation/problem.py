@@ -1,0 +1,223 @@
+"""Windows of recordings, and how well a simulator explains them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.effects import Effect
+from keycld_model.diagnosis.criteria import STANDARD, Criteria
+from keycld_model.diagnosis.estimation.linearisation import Linearisation, huber
+from keycld_model.diagnosis.estimation.parameters import effect_parameters, with_parameter
+from keycld_model.diagnosis.estimation.point import Point
+from keycld_model.diagnosis.inputs.windows import Windows
+from keycld_model.diagnosis.observation import Nuisance
+from keycld_model.diagnosis.simulation.simulator import Simulator, usual_forces
+from keycld_model.diagnosis.simulation.variant import Variant, recording_spreads
+
+Array = NDArray[np.float64]
+DIVERGED = 1e5
+"""Standard deviations that a rollout which diverges is off, and any other at most."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Windows of recordings, and what may explain them.
+
+    Attributes:
+        simulator: of the mechanism.
+        windows: of the recordings.
+        criteria: thresholds.
+    """
+
+    simulator: Simulator
+    windows: Windows
+    criteria: Criteria = STANDARD
+
+    @cached_property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """Of the simulator, then of the sensor."""
+        return (*self.simulator.nuisances, *self.windows.observation.nuisances)
+
+    @cached_property
+    def spreads(self) -> Array:
+        """Prior standard deviations of the nuisances."""
+        return np.array([n.spread for n in self.nuisances])
+
+    @property
+    def noise(self) -> Array:
+        """`[m]` standard deviation of each channel."""
+        return self.windows.observation.noise
+
+    @cached_property
+    def samples(self) -> int:
+        """How many numbers were measured."""
+        return int(np.isfinite(self.windows.measured).sum())
+
+    @property
+    def expected(self) -> float:
+        """Nats that noise alone costs, with initial states fitted."""
+        return 0.5 * (self.samples - 2 * self.simulator.model.nv * len(self.windows))
+
+    def start(self) -> Point:
+        """The simulator as believed, from measured initial states."""
+        return Point(Variant(np.zeros(len(self.nuisances))), *self.windows.initial_states())
+
+    def take(self, index: NDArray[np.int64]) -> "Problem":
+        """Some of the windows."""
+        return replace(self, windows=self.windows.take(index))
+
+    def predict(
+        self, variants: Sequence[Variant], which: NDArray[np.int64], q: Array, v: Array, pushes: Array | None = None
+    ) -> Array:
+        """What the sensor shows of rollouts, `[P, W, n, m]`; NaN where one diverges. See `Simulator.at_samples`."""
+        observation, own = self.windows.observation, len(self.simulator.nuisances)
+        positions, velocities = self.simulator.at_samples(variants, which, self.windows, q, v, pushes)
+        shown = [
+            observation.predict(positions[p], velocities[p], variants[i].values[own:]) for p, i in enumerate(which)
+        ]
+        return np.stack(shown)
+
+    def predicted(self, point: Point) -> Array:
+        """What the sensor shows at a point, `[W, n, m]`."""
+        return self.predict([point.variant], np.zeros(1, np.int64), point.q[None], point.v[None])[0]
+
+    def path(self, point: Point) -> tuple[Array, Array, Array]:
+        """Positions and velocities `[W, S + 1, nv]` at the steps, and commands that arrive, `[W, S, nu]`."""
+        one = np.zeros(1, np.int64)
+        q, v, u = self.simulator.roll([point.variant], one, self.windows, point.q[None], point.v[None])
+        return q[0], v[0], u[0]
+
+    def whiten(self, predicted: Array) -> Array:
+        """Residuals `[..., W, r]` over noise, of predictions `[..., W, n, m]`."""
+        deviation = (self.windows.measured - predicted) / self.noise
+        deviation = np.where(np.isfinite(predicted), deviation, DIVERGED)
+        deviation = np.where(np.isfinite(self.windows.measured), deviation, 0.0)
+        return np.clip(deviation, -DIVERGED, DIVERGED).reshape(*predicted.shape[:-2], -1)
+
+    def residual(self, *points: Point) -> Array:
+        """Whitened residuals `[..., W, r]` of one or more points whose variants differ in offsets of rotors alone."""
+        q, v = np.stack([p.q for p in points]), np.stack([p.v for p in points])
+        variants = [p.variant for p in points] if points[0].variant.window_offsets is not None else [points[0].variant]
+        predicted = self.predict(variants, np.arange(len(points)) % len(variants), q, v)
+        return self.whiten(predicted[0] if len(points) == 1 else predicted)
+
+    def costs(self, point: Point) -> Array:
+        """Nats of each window, `[W]`."""
+        return huber(self.residual(point), self.criteria.significant).sum(axis=-1) + point.offset_costs()
+
+    def cost(self, point: Point) -> float:
+        """Minus the logarithm of the posterior, nats up to a constant."""
+        return float(self.costs(point).sum()) + self.prior(point)
+
+    def prior(self, point: Point) -> float:
+        """Nats of nuisances, and of hidden states at the starts of recordings."""
+        offsets = point.variant.recording_offsets
+        hidden = 0.0 if offsets is None else offsets / recording_spreads(point.effects)
+        return 0.5 * float(np.sum((point.variant.values / self.spreads) ** 2) + np.sum(hidden**2))
+
+    def linearise(
+        self, point: Point, extra: Sequence[tuple[Effect, ...]] = (), only_states: bool = False
+    ) -> tuple[Linearisation, Array]:
+        """Residuals and derivatives at a point, by finite differences.
+
+        Args:
+            point: where.
+            extra: sets of effects, to be predicted from the same nuisances and initial states.
+            only_states: leave the derivatives to nuisances and parameters of effects at zero.
+
+        Returns:
+            The linearisation, and whitened residuals `[len(extra), W, r]` with the extra effects.
+        """
+        base, recordings, spreads = point.variant, len(self.windows.commands), point.recording_spreads
+        shared_steps = [] if only_states else self._steps(point)
+        hidden = []
+        for m, spread in enumerate(spreads):
+            offsets = point.recording_offsets(recordings)
+            offsets[:, m] += 0.1 * spread
+            hidden.append(replace(base, recording_offsets=offsets))
+        variants = [base, *(variant for _, _, variant in shared_steps), *hidden]
+        residuals, states = self._roll([*variants, *(base.with_effects(*effects) for effects in extra)], point)
+        here, numbers = residuals[0], len(self.nuisances) + len(effect_parameters(base.effects))
+        shared = np.zeros((*here.shape, numbers + recordings * len(spreads)))
+        for (column, step, _), there in zip(shared_steps, residuals[1:], strict=False):
+            shared[..., column] = (here - there) / step
+        for m, (spread, there) in enumerate(zip(spreads, residuals[1 + len(shared_steps) :], strict=False)):
+            at = numbers + self.windows.recording * len(spreads) + m
+            shared[np.arange(len(here)), :, at] = (here - there) / (0.1 * spread)
+        if not only_states:
+            self._add_constant_derivatives(shared)
+        return Linearisation(here, states, shared), residuals[len(variants) :]
+
+    def _steps(self, point: Point) -> list[tuple[int, float, Variant]]:
+        """Column, step and variant of each finite difference to a nuisance or parameter."""
+        base, out, effects = point.variant, [], point.effects
+        for i, nuisance in enumerate(self.nuisances):
+            if self._constant_derivative(i) is None:
+                values = base.values.copy()
+                values[i] += nuisance.step
+                out.append((i, nuisance.step, replace(base, values=values)))
+        for k, parameter in enumerate(effect_parameters(effects)):
+            step = parameter.step(effects)
+            changed = with_parameter(effects, parameter, parameter.of(effects) + step)
+            out.append((len(self.nuisances) + k, step, replace(base, effects=changed)))
+        return out
+
+    def _constant_derivative(self, nuisance: int) -> Array | None:
+        """Of every sample to a nuisance of the sensor, `[m]`, if it is the same everywhere."""
+        if nuisance < len(self.simulator.nuisances):
+            return None
+        return self.windows.observation.derivative(self.nuisances[nuisance])
+
+    def _add_constant_derivatives(self, shared: Array) -> None:
+        """Fill the columns of nuisances that shift all samples alike."""
+        measured = np.isfinite(self.windows.measured)
+        for i in range(len(self.nuisances)):
+            if (derivative := self._constant_derivative(i)) is not None:
+                shared[..., i] = np.where(measured, derivative / self.noise, 0.0).reshape(len(shared), -1)
+
+    def linearise_states(self, point: Point) -> tuple[Array, Array]:
+        """Residuals `[W, r]`, and minus their derivative to initial states and offsets, `[W, r, 2 nv + J]`."""
+        residuals, states = self._roll([point.variant], point)
+        return residuals[0], states
+
+    def _roll(self, variants: Sequence[Variant], point: Point) -> tuple[Array, Array]:
+        """Residuals `[V, W, r]` at the point's states, and minus the first's derivative to them, `[W, r, 2 nv + J]`."""
+        nv, known, offsets = point.q.shape[1], len(variants), variants[0].window_offsets
+        spreads = point.offset_spreads
+        position_step, velocity_step, offset_steps = 1e-4, 1e-3, 1e-3 * spreads  # rad or m, per s, standard deviations
+        moved = [replace(variants[0], window_offsets=offsets + row) for row in np.diag(offset_steps)]
+        which = np.concatenate([np.arange(known), np.zeros(2 * nv, int), known + np.arange(len(moved))])
+        q, v = (np.repeat(z[None], len(which), axis=0) for z in (point.q, point.v))
+        for j in range(nv):
+            q[known + j, :, j] += position_step
+            v[known + nv + j, :, j] += velocity_step
+        residuals = self.whiten(self.predict([*variants, *moved], which, q, v))
+        steps = np.concatenate([np.repeat([position_step, velocity_step], nv), offset_steps])[:, None, None]
+        states = (residuals[0] - residuals[known:]) / steps
+        return residuals[:known], np.moveaxis(states, 0, -1)
+
+    def responses(self, point: Point, joints: Sequence[int], bins: int) -> Array:
+        """How residuals fall with a push at a joint during one of several parts of each window.
+
+        Args:
+            point: where.
+            joints: J of them, among the velocities.
+            bins: B parts of a window.
+
+        Returns:
+            Change of whitened residuals per N m or N, `[W, r, J, B]`.
+        """
+        steps, nv = self.windows.steps, point.q.shape[1]
+        sizes, edges = usual_forces(self.simulator.model)[list(joints)], self.windows.edges(bins)
+        pushes = np.zeros((len(joints), bins, len(self.windows), steps, nv))
+        for j, joint in enumerate(joints):
+            for b in range(bins):
+                pushes[j, b, :, edges[b] : edges[b + 1], joint] = sizes[j]
+        pushes = np.concatenate([np.zeros((1, *pushes.shape[2:])), pushes.reshape(-1, *pushes.shape[2:])])
+        q, v = (np.repeat(z[None], len(pushes), axis=0) for z in (point.q, point.v))
+        here, *pushed = self.whiten(self.predict([point.variant], np.zeros(len(pushes), int), q, v, pushes))
+        columns = (here - np.stack(pushed)).reshape(len(joints), bins, *here.shape) / sizes[:, None, None, None]
+        return np.moveaxis(columns, (0, 1), (2, 3))

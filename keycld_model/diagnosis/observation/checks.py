@@ -1,0 +1,35 @@
+"""Refuses recordings whose joint positions are not what the simulator's are."""
+
+import mujoco
+import numpy as np
+
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import Recording
+
+
+def check_positions(recording: Recording, model: mujoco.MjModel) -> None:
+    """Raise InputError if a recording does not have positions of a model's joints, usable as they are."""
+    who, joints = f"Recording {recording.id!r}", tuple(model.joint(j).name for j in range(model.njnt))
+    if recording.qpos is None or recording.t_state is None:
+        raise InputError(f"{who} has no joint positions; record qpos and t_state.")
+    if tuple(recording.joint_names) != joints:
+        raise InputError(
+            f"{who} has the joints {list(recording.joint_names)}, the simulator has {list(joints)}; name and order "
+            "the columns of qpos like the simulator's joints."
+        )
+    unit, positions = recording.units.get("qpos", ""), np.asarray(recording.qpos)
+    first = int(np.isfinite(positions).any(axis=1).argmax())
+    for j, name in enumerate(recording.joint_names):
+        own = unit if isinstance(unit, str) else unit[j]
+        if own not in ("rad", "m", "1", ""):
+            raise InputError(f"{who} has positions of {name!r} in {own!r}; convert qpos to rad or m.")
+        q = positions[first:, j]
+        good = np.flatnonzero(np.isfinite(q))
+        if len(good) < max(4, len(q) / 2):
+            raise InputError(f"{who} misses more than half of the samples of {name!r} (NaN in qpos); leave it out.")
+        jumps = np.abs(np.diff(q[good]))[np.diff(good) == 1]
+        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and np.any((jumps > 5.0) & (jumps < 7.5)):
+            raise InputError(
+                f"{who} has angles of {name!r} that jump by {jumps.max():.3g} rad from one sample to the next; unwrap "
+                "qpos (numpy.unwrap)."
+            )

@@ -1,0 +1,113 @@
+"""Joint positions, from encoders or read off images of a camera."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.criteria import STANDARD, Criteria
+from keycld_model.diagnosis.observation.checks import check_positions
+from keycld_model.diagnosis.observation.noise import estimate_noise
+from keycld_model.diagnosis.observation.nuisance import Nuisance
+
+Array = NDArray[np.float64]
+FIRST_SAMPLES = 7
+"""Samples of a window that a parabola is fitted to for its initial state."""
+UNITS = {
+    "hinge": {"zero": "rad", "squash": "rad", "skew": "rad", "shutter": "s"},
+    "slide": {"zero": "m", "squash": "1", "skew": "1/m", "shutter": "s/m"},
+}
+"""Units of the errors of a position."""
+
+
+class JointPositions:
+    """One channel per joint; encoders may be off by a constant.
+
+    A camera that looks at the mechanism askew squashes its plane along some direction: to first order angles are off by
+    sin 2q ("squash") and cos 2q ("skew"), and slides by q and q². A shutter that rolls across the image sees a joint
+    earlier or later by where it is ("shutter"). See `Observation` for the attributes.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, noise: Array | None = None, tracked: bool = False, criteria: Criteria = STANDARD
+    ) -> None:
+        """Of all joints of a model.
+
+        Args:
+            model: of hinges and slides.
+            noise: `[nv]` standard deviation of the sensor, rad or m; None if it is not known yet.
+            tracked: positions were read off images, and errors of the camera are refitted, too.
+            criteria: how far off sensors may be.
+        """
+        self._model, self._tracked, self._criteria = model, tracked, criteria
+        self._hinges = [bool(kind == mujoco.mjtJoint.mjJNT_HINGE) for kind in model.jnt_type]
+        self.names = tuple(model.joint(j).name for j in range(model.njnt))
+        self.units = tuple("rad" if hinge else "m" for hinge in self._hinges)
+        self.noise: Array = np.full(model.njnt, np.nan) if noise is None else noise
+        self.nuisances = self._errors()
+
+    def _errors(self) -> tuple[Nuisance, ...]:
+        """A zero per joint; if positions were tracked, errors of the camera at each joint as well."""
+        view, shutter = self._criteria.view_spread, self._criteria.shutter_spread
+        camera = {"squash": view, "skew": view, "shutter": shutter} if self._tracked else {}
+        joints = range(len(self.names))
+        wanted = [(j, "zero", self._criteria.zero_spread) for j in joints]
+        wanted += [(j, kind, spread) for j in joints for kind, spread in camera.items()]
+        return tuple(
+            Nuisance(
+                f"{kind} of {self.names[j]}", kind, j, spread, UNITS["hinge" if self._hinges[j] else "slide"][kind]
+            )
+            for j, kind, spread in wanted
+        )
+
+    def calibrated(self, recordings: Sequence[Recording]) -> "JointPositions":
+        """With the noise that recordings show.
+
+        Raises:
+            InputError: if a joint has too few samples for that.
+        """
+        times = [np.asarray(recording.t_state) for recording in recordings]
+        noise = estimate_noise(times, [self.measured(recording) for recording in recordings])
+        return JointPositions(self._model, noise, self._tracked, self._criteria)
+
+    def check(self, recording: Recording) -> None:
+        """Positions of these joints, in rad or m, with few samples missing and no turn left out."""
+        check_positions(recording, self._model)
+
+    def measured(self, recording: Recording) -> Array:
+        """Positions, rad or m."""
+        return np.asarray(recording.qpos, np.float64)
+
+    def positions(self, measured: Array) -> Array:
+        """What was measured."""
+        return measured
+
+    def initial_state(self, time: Array, measured: Array) -> tuple[Array, Array]:
+        """From a parabola through the first samples of each joint."""
+        q, v = np.zeros((2, measured.shape[1]))
+        for j in range(measured.shape[1]):
+            good = np.flatnonzero(np.isfinite(measured[:, j]))[:FIRST_SAMPLES]
+            v[j], q[j] = np.polyfit(time[good], measured[good, j], 2 if len(good) > 3 else 1)[-2:]
+        return q, v
+
+    def predict(self, q: Array, v: Array, values: Sequence[float] | Array) -> Array:
+        """Positions with the errors of the sensor."""
+        out = q.copy()
+        for nuisance, value in zip(self.nuisances, values, strict=True):
+            j = nuisance.index
+            hinge, at, speed = self._hinges[j], q[..., j], v[..., j]
+            if nuisance.kind == "zero":
+                out[..., j] += value
+            elif nuisance.kind == "squash":
+                out[..., j] += value * (np.sin(2 * at) if hinge else at)
+            elif nuisance.kind == "skew":
+                out[..., j] += value * (np.cos(2 * at) - 1 if hinge else at**2)
+            else:
+                out[..., j] += value * speed * (np.sin(at) if hinge else at)
+        return out
+
+    def derivative(self, nuisance: Nuisance) -> Array | None:
+        """Of a zero: one at its joint."""
+        return (np.arange(len(self.names)) == nuisance.index).astype(float) if nuisance.kind == "zero" else None

@@ -1,0 +1,77 @@
+"""The seam between motions and what is measured of them."""
+
+from collections.abc import Sequence
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.observation.nuisance import Nuisance
+
+Array = NDArray[np.float64]
+
+
+class Observation(Protocol):
+    """A measurement of m channels of a mechanism with nv joints.
+
+    The simulator knows joints alone, and the rest of the diagnosis knows channels alone; here they meet.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each channel."""
+        ...
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each channel."""
+        ...
+
+    @property
+    def noise(self) -> Array:
+        """Standard deviation of each channel's noise, `[m]`; NaN before `calibrated`."""
+        ...
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """Errors of the sensor that are refitted."""
+        ...
+
+    def calibrated(self, recordings: Sequence[Recording]) -> Self:
+        """The same with the noise that recordings show.
+
+        Raises:
+            InputError: if they are too short for that.
+        """
+        ...
+
+    def check(self, recording: Recording) -> None:
+        """Raise InputError, with the field and the remedy, if a recording does not hold what is observed."""
+        ...
+
+    def measured(self, recording: Recording) -> Array:
+        """What the sensor showed at `recording.t_state`, `[N, m]`; NaN where samples are missing."""
+        ...
+
+    def positions(self, measured: Array) -> Array:
+        """Joint positions `[..., nv]`, rad or m, as far as measurements `[..., m]` tell them."""
+        ...
+
+    def initial_state(self, time: Array, measured: Array) -> tuple[Array, Array]:
+        """Positions and velocities `[nv]` at time zero, from a window's samples `[n]` and `[n, m]`."""
+        ...
+
+    def predict(self, q: Array, v: Array, values: Sequence[float] | Array) -> Array:
+        """What the sensor shows, `[..., m]`.
+
+        Args:
+            q: joint positions `[..., nv]`, rad or m.
+            v: joint velocities `[..., nv]`.
+            values: of the nuisances.
+        """
+        ...
+
+    def derivative(self, nuisance: Nuisance) -> Array | None:
+        """Derivative of every sample to a nuisance, `[m]`, where it is constant; None where it is not."""
+        ...

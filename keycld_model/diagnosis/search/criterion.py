@@ -1,0 +1,77 @@
+"""What a fit is worth: its cost, with its parameters paid for."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.estimation.parameters import effect_parameters
+from keycld_model.diagnosis.estimation.replay import mean_square
+from keycld_model.diagnosis.simulation.variant import recording_spreads
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A fit, and what it costs with its parameters paid for, nats."""
+
+    fit: Fit
+    score: float
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """How many parameters the effects have, and how many effects they are."""
+        return len(effect_parameters(self.fit.effects)), len(self.keys)
+
+    @property
+    def keys(self) -> frozenset[tuple[str, str]]:
+        """Effects and places."""
+        return frozenset(e.key for e in self.fit.effects)
+
+    @classmethod
+    def of(cls, fit: Fit, dispersion: float = 1.0) -> "Scored":
+        """A fit, its cost in nats of a dispersion."""
+        return cls(fit, fit.cost / dispersion + penalty(fit))
+
+
+def score_of(scored: Scored) -> float:
+    """To sort by."""
+    return scored.score
+
+
+def penalty(fit: Fit) -> float:
+    """Nats that a set of effects must gain to be worth its parameters (Schwarz, 1978).
+
+    Hidden states at the start of a recording fit noise, too, and so do offsets of rotors, by half a nat each; two
+    standard deviations more, for the fit is the best of many.
+    """
+    problem, offsets = fit.problem, fit.point.offsets
+    price = 0.5 * np.log(problem.samples) * len(effect_parameters(fit.effects))
+    if fit.point.variant.window_offsets is None:
+        return price + 0.5 * len(recording_spreads(fit.effects)) * len(problem.windows.commands)
+    return price + 0.5 * offsets.size + np.sqrt(2 * offsets.size)
+
+
+def dispersion(fit: Fit) -> float:
+    """Variance of what a fit leaves over the sensor's, times the samples that it is correlated over; one for noise.
+
+    The dispersion factor ĉ of a quasi-likelihood (Burnham and Anderson, 2002, section 2.5).
+    """
+    dof = max(1, fit.problem.samples - 2 * fit.point.q.size - len(fit.hessian))
+    left = 2 * fit.cost / dof
+    if left < fit.problem.criteria.noise_variance:
+        return 1.0
+    residual, n = fit.residual, fit.problem.windows.samples
+    together = 1.0
+    for lag in range(1, n // 2):
+        rho = float(np.sum(residual[:, lag:] * residual[:, :-lag]) / np.sum(residual**2)) * n / (n - lag)
+        if rho < 0.05:
+            break
+        together += 2 * rho
+    return max(1.0, left) * together
+
+
+def above_noise(fit: Fit) -> NDArray[np.float64]:
+    """By how much the mean square of whitened residuals is more than noise, `[m]`; negative where it is not."""
+    left, criteria = mean_square(fit), fit.problem.criteria
+    return left - 1 - criteria.noise_uncertainty - criteria.significant * np.sqrt(2 / (fit.problem.samples / len(left)))

@@ -1,0 +1,57 @@
+"""Masses and lengths that are a little off: nuisances of every simulator."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_model.diagnosis.criteria import STANDARD, Criteria
+from keycld_model.diagnosis.observation import Nuisance
+from keycld_model.rigid_body.equality import anchors, bodies, connections
+
+
+def inertial_nuisances(model: mujoco.MjModel, criteria: Criteria = STANDARD) -> tuple[Nuisance, ...]:
+    """A mass per body with joints, and a length per body that turns."""
+    jointed = [b for b in range(1, model.nbody) if model.body_dofnum[b]]
+    turning = [b for b in jointed if (model.jnt_type[model.body_jntadr[b]] == mujoco.mjtJoint.mjJNT_HINGE)]
+    wanted = [("mass", b) for b in jointed] + [("length", b) for b in turning]
+    return tuple(
+        Nuisance(f"{kind} of {model.body(b).name}", kind, b, criteria.mass_spread, factor=True) for kind, b in wanted
+    )
+
+
+def apply(model: mujoco.MjModel, which: tuple[Nuisance, ...], values: NDArray[np.float64]) -> None:
+    """Change masses and lengths of a compiled model in place, by logarithms of factors."""
+    for nuisance, value in zip(which, values, strict=True):
+        factor = float(np.exp(value))
+        for body in rigid(model, nuisance.index):
+            if nuisance.kind == "mass":
+                model.body_mass[body] *= factor
+                model.body_inertia[body] *= factor
+            else:
+                model.body_ipos[body] *= factor
+                model.body_inertia[body] *= factor**2
+        if nuisance.kind == "length":
+            own = rigid(model, nuisance.index)
+            moved = np.isin(model.body_parentid, own)
+            moved[0] = False
+            model.body_pos[moved] *= factor
+            _lengthen(model, own, factor)
+
+
+def rigid(model: mujoco.MjModel, body: int) -> list[int]:
+    """A body and what is fixed to it."""
+    out = [body]
+    for child in range(body + 1, model.nbody):
+        if model.body_parentid[child] in out and not model.body_dofnum[child]:
+            out.append(child)
+    return out
+
+
+def _lengthen(model: mujoco.MjModel, own: list[int], factor: float) -> None:
+    """Scale the points of bodies at which loops are closed."""
+    model.site_pos[np.isin(model.site_bodyid, own)] *= factor
+    for i in connections(model):
+        if model.eq_objtype[i] != int(mujoco.mjtObj.mjOBJ_SITE):
+            for body, anchor in zip(bodies(model, i), anchors(model, i), strict=True):
+                if body in own:
+                    anchor *= factor

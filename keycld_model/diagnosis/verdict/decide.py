@@ -1,0 +1,84 @@
+"""What may be said, by recordings that no fit has seen."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.estimation.replay import likelihood, rollout_error
+from keycld_model.diagnosis.search.criterion import dispersion
+from keycld_model.diagnosis.search.explain import Explanation
+from keycld_model.diagnosis.search.residual_fit import ROUNDS, fit_residual_force, lengthened, residual_force_of
+from keycld_model.diagnosis.verdict.findings import residual_force_finding
+from keycld_model.diagnosis.verdict.held_out import HeldOut
+from keycld_model.diagnosis.verdict.report import Finding, Unexplained, Verdict
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What held-out recordings say.
+
+    Attributes:
+        verdict: see `Report`.
+        fit: the simulator to be handed back.
+        tested: the same on windows of held-out recordings.
+        findings: what it has.
+        nats: that its named findings gain.
+        ceiling: the refitted simulator with a residual force in their place.
+    """
+
+    verdict: Verdict
+    fit: Fit
+    tested: Fit
+    findings: list[Finding]
+    nats: float
+    ceiling: Fit | None = None
+
+
+def decide_on_named(explained: Explanation, found: list[Finding], before: Fit, held_out: HeldOut) -> Conclusion:
+    """Whether effects and pulses are missing.
+
+    Args:
+        explained: by training recordings.
+        found: all that may be missing.
+        before: the refitted simulator on windows of held-out recordings.
+        held_out: recordings.
+    """
+    after, criteria = held_out.short(explained.best.fit), before.problem.criteria
+    nats = (likelihood(after) - likelihood(before)) / explained.search.dispersion
+    if not found or explained.gain <= criteria.doubtful:
+        return Conclusion("no_mismatch", explained.refitted, before, [], nats)
+    sure = explained.gain > criteria.certain and nats > 0
+    return Conclusion("mismatch" if sure else "undetermined", explained.best.fit, after, found, nats)
+
+
+def decide_on_residual(named: Conclusion, explained: Explanation, held_out: HeldOut, left: Unexplained) -> Conclusion:
+    """A residual force beside the findings, or in place of them, if held-out recordings ask for it.
+
+    Args:
+        named: what was decided on effects and pulses.
+        explained: by training recordings.
+        held_out: recordings.
+        left: what named effects leave of them.
+    """
+    refitted, rounds, criteria = explained.refitted, ROUNDS if left.significant else 2, named.fit.problem.criteria
+    alone = explained.residual or fit_residual_force(refitted, rounds)
+    beside = alone if named.fit is refitted else fit_residual_force(named.fit, rounds)
+    tested = [held_out.short(fit) for fit in (beside, alone)]
+    with_named, in_place = (likelihood(fit) if residual_force_of(fit) else -np.inf for fit in tested)
+    without = likelihood(named.tested)
+    factor = min(explained.search.dispersion, dispersion(beside), dispersion(alone))
+    least = criteria.residual_force
+    extra = (max(with_named, in_place) - without) / factor
+    instead = in_place > max(without + least * factor, with_named - least * factor)
+    if instead or extra > max(least, criteria.idealised_share * named.nats):
+        fit = alone if instead else beside
+        fit = lengthened(fit, held_out.as_long(refitted))
+        if not named.findings or rollout_error(held_out.long(fit)) < rollout_error(held_out.long(named.fit)):
+            if instead:  # named effects stood for a part of it
+                named = replace(named, findings=[], nats=0.0)
+            findings = [*named.findings, residual_force_finding(fit, extra / (extra + max(named.nats, 0.0)))]
+            return Conclusion("mismatch", fit, tested[instead], findings, named.nats)
+    if left.significant and (named.verdict == "no_mismatch" or left.fraction > criteria.unexplained_share):
+        named = replace(named, verdict="undetermined")
+    return replace(named, ceiling=alone)

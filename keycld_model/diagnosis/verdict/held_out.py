@@ -1,0 +1,66 @@
+"""Held-out recordings, in windows and in long rollouts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.estimation.problem import Problem
+from keycld_model.diagnosis.estimation.replay import replay
+from keycld_model.diagnosis.inputs.windows import cut
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Where fits are tested.
+
+    Attributes:
+        windows: as long as those of the training recordings.
+        rollouts: several times as long, as far as recordings go.
+    """
+
+    windows: Problem
+    rollouts: Problem
+    _rolled: list[tuple[Fit, Fit]] = field(default_factory=list, repr=False)
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], fit: Fit) -> "HeldOut":
+        """Recordings in windows, for the simulator and the sensor of a fit."""
+        problem, observation = fit.problem, fit.problem.windows.observation
+        samples, criteria = problem.windows.samples, problem.criteria
+        shortest = min(int(np.isfinite(observation.measured(r)).any(axis=1).sum()) for r in recordings)
+        horizon = max(1, min(criteria.rollout_windows, shortest // samples))
+        short, long = (cut(recordings, observation, problem.simulator.step, n) for n in (samples, samples * horizon))
+        return cls(replace(problem, windows=short), replace(problem, windows=long))
+
+    @property
+    def samples(self) -> int:
+        """Samples of a long rollout."""
+        return self.rollouts.windows.samples
+
+    @property
+    def seconds(self) -> float:
+        """Duration of a long rollout."""
+        time = self.rollouts.windows.time
+        return float(np.median(time[:, -1] - time[:, 0]))
+
+    def as_long(self, fit: Fit) -> Problem:
+        """The recordings that a fit was trained on, in windows as long as the long rollouts."""
+        windows = fit.problem.windows
+        samples = min(self.samples, *(len(np.asarray(r.t_state)) for r in windows.recordings))
+        return replace(self.rollouts, windows=windows.of_length(samples))
+
+    def short(self, fit: Fit) -> Fit:
+        """A fit on windows."""
+        return replay(self.windows, fit)
+
+    def long(self, fit: Fit) -> Fit:
+        """A fit on long rollouts, with the pulses of the windows: their times are found best there; once."""
+        for asked, rolled in self._rolled:
+            if asked is fit:
+                return rolled
+        pulses = self.short(fit).point.variant.pulses if fit.point.variant.pulses else ()
+        self._rolled.append((fit, replay(self.rollouts, fit, 12, pulses)))
+        return self._rolled[-1][1]
