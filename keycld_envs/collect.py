@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,14 @@ import mujoco
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
+from keycld_envs import __version__
 from keycld_envs.env import KeyCLDEnv
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
 from keycld_envs.policies import get_policy
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording, write_recording
-from keycld_envs.registration import resolve_env_id
+from keycld_envs.registration import resolve_env_id, spec_of
 from keycld_envs.rendering import Quality
 from keycld_envs.workers import map_in_processes
 
@@ -76,16 +76,16 @@ class CollectSummary:
         system: environment id.
         out: the data set's folder.
         episodes: recordings in the folder now.
-        recorded: recordings made by this call.
-        kept: recordings found complete from an earlier call.
+        newly_recorded: recordings made by this call.
+        already_there: recordings found complete from an earlier call.
         frames_per_second: frames recorded per second of this call, 0 if there was nothing left to do.
     """
 
     system: str
     out: str
     episodes: int
-    recorded: int
-    kept: int
+    newly_recorded: int
+    already_there: int
     frames_per_second: float
 
 
@@ -170,7 +170,7 @@ def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int) -> Rec
         render_quality=settings.render_quality,
         seed=settings.seed,
         licence="CC0-1.0",
-        origin=f"keycld {version('keycld')} collect, mujoco {mujoco.__version__}",
+        origin=f"keycld {__version__} collect, mujoco {mujoco.__version__}",
         notes=f"policy {settings.policy}, episode {index}",
         t_action=clock[:-1],
         action=actions.astype(np.float64),
@@ -201,7 +201,7 @@ def make_env(settings: CollectSettings) -> KeyCLDEnv:
 
 
 def _makes_keycld_env(env_id: str) -> bool:
-    entry_point = gym.spec(env_id.rpartition(":")[2]).entry_point
+    entry_point = spec_of(env_id).entry_point
     creator = load_env_creator(entry_point) if isinstance(entry_point, str) else entry_point
     return isinstance(creator, type) and issubclass(creator, KeyCLDEnv)
 

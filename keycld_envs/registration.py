@@ -5,6 +5,7 @@ import importlib
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import EnvSpec
 
 from keycld_envs.errors import InputError
 from keycld_envs.systems import SYSTEMS, System, get_system
@@ -78,19 +79,43 @@ def resolve_env_id(name: str) -> str:
     )
 
 
+def bare_id(env_id: str) -> str:
+    """The id that Gymnasium knows an environment by, which tells whether two ids mean the same one.
+
+    Args:
+        env_id: with or without the module that registers it, such as "my_module:MyLab/Slider-v0".
+
+    Returns:
+        The id without the module, such as "MyLab/Slider-v0".
+    """
+    return env_id.rpartition(":")[2]
+
+
+def spec_of(name: str) -> EnvSpec:
+    """Gymnasium's specification of an environment, given its id or short name as for `resolve_env_id`.
+
+    `gymnasium.spec` does not take ids that name a module.
+
+    Raises:
+        InputError: if there is no such environment.
+    """
+    return gym.spec(bare_id(resolve_env_id(name)))
+
+
 def system_of(name: str) -> System:
     """The system of an environment, given its id or short name as for `resolve_env_id`.
 
     Raises:
         InputError: if there is no such environment, or it is not one of KeyCLD's.
     """
-    env_id = resolve_env_id(name)
-    system = gym.spec(env_id).kwargs.get("system")
+    system = spec_of(name).kwargs.get("system")
     if isinstance(system, str):
         return get_system(system)
     if isinstance(system, System):
         return system
-    raise InputError(f"{env_id} is not an environment of a KeyCLD system; register one with keycld_envs.register.")
+    raise InputError(
+        f"{resolve_env_id(name)} is not an environment of a KeyCLD system; register one with keycld_envs.register."
+    )
 
 
 def _import(module: str, name: str) -> None:

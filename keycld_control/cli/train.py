@@ -41,6 +41,7 @@ def run(args: Args) -> None:
     from keycld_envs.errors import InputError
     from keycld_envs.mechanism import Mechanism
     from keycld_envs.recordings import read_dataset
+    from keycld_envs.registration import bare_id
     from keycld_model.config import ModelConfig
     from keycld_model.training import PRESETS, train
 
@@ -56,7 +57,7 @@ def run(args: Args) -> None:
         name = resolve_env_id(args.system)
         mechanism = system_of(name).mechanism
     dataset = read_dataset(args.data)
-    if name is not None and dataset.system is not None and dataset.system != name:
+    if name is not None and dataset.system is not None and bare_id(dataset.system) != bare_id(name):
         raise InputError(f"{args.data} records {dataset.system}, not {name}; name the system that was recorded.")
     config = ModelConfig.of(dataset, mechanism, name, PRESETS[args.preset].networks)
     result = train(dataset, config, args.out, args.preset, args.seed, args.validation)

@@ -9,6 +9,7 @@ from scipy.stats import bootstrap
 from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Dataset
+from keycld_envs.registration import bare_id
 from keycld_model.evaluation.joint_coordinates import circular_r2, joint_angles, linear_r2, slider_positions
 from keycld_model.evaluation.valid_prediction_time import (
     frame_errors,
@@ -67,10 +68,10 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
         frames: recordings are cut into sequences of at most this many frames.
 
     Raises:
-        InputError: if the recordings are of another system, size or frame rate, or have no actions.
+        InputError: if the recordings are of another system, size or frame rate, or have other actions.
     """
     meta = model.meta or {}
-    if model.system != dataset.system and None not in (model.system, dataset.system):
+    if model.system is not None and dataset.system is not None and bare_id(model.system) != bare_id(dataset.system):
         raise InputError(f"{model.name} is a model of {model.system}, {dataset.folder} records {dataset.system}.")
     if frames < 2:
         raise InputError(f"frames is {frames}; a sequence needs at least 2.")
@@ -78,8 +79,11 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
     if own:
         dataset = dataset.split(meta["validation"])[1]
     stacked = dataset.sequences().cut(frames)
-    if stacked.actions.shape[-1] == 0:
-        raise InputError(f"{dataset.folder} has no actions; predictions need to know them (zeros, if there were none).")
+    if (found := stacked.actions.shape[-1]) != (wanted := model.mechanism.num_actions):
+        raise InputError(
+            f"{dataset.folder} has {found} actions per frame, {model.name} needs {wanted}; "
+            "record what its actuators did (zeros, if nothing)."
+        )
     n, t = stacked.frames.shape[:2]
     if not 2 <= context <= t:
         raise InputError(f"context is {context}; it must be between 2 and the {t} frames of a sequence.")

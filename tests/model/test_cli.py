@@ -133,6 +133,17 @@ def test_evaluate_prints_the_scores(data, checkpoint, capsys):
     assert scores["circular_r2"].keys() == {"hinge"}
 
 
+def test_data_without_actions_go_with_a_mechanism_without_motors(data, tmp_path, capsys):
+    free = {"actuator_names": (), "t_action": None, "action": None, "units": {"qpos": "rad"}}
+    for recording in recordings(2, **free):
+        write_recording(tmp_path / "free" / recording.id, recording)
+    config = replace(CONFIG, mechanism=replace(CONFIG.mechanism, num_actions=0))
+    model = WorldModel(config, random_parameters(config)).save(tmp_path / "model")
+    assert main(["evaluate", str(model), "--data", str(tmp_path / "free"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["sequences"] == 2
+    assert "1 actions per frame" in refused(capsys, "evaluate", model, "--data", data)
+
+
 def test_shipped_weights_go_by_the_systems_name(data, capsys):
     if "pendulum" not in shipped_models():
         pytest.skip("no weights for pendulum in this installation")

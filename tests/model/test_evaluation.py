@@ -160,7 +160,7 @@ def test_a_prediction_that_is_not_finite_is_not_valid(model):
         ({}, {"system": "KeyCLD/Acrobot-v0"}, "KeyCLD/Acrobot-v0"),
         ({}, {"t_frame": 0.01 * np.arange(12)}, "0.01 s"),
         ({}, {"frames": np.zeros((12, 24, 16, 3), np.uint8)}, "24, 16"),
-        ({}, {"t_action": None, "action": None, "actuator_names": (), "units": {"qpos": "rad"}}, "no actions"),
+        ({}, {"t_action": None, "action": None, "actuator_names": (), "units": {"qpos": "rad"}}, "0 actions"),
         ({}, {"action": np.zeros((11, 2)), "actuator_names": ("a", "b")}, "actions"),
     ],
 )

@@ -26,7 +26,7 @@ def content(folder: Path) -> dict[str, bytes]:
 @pytest.mark.render
 def test_collecting(tmp_path: Path) -> None:
     summary = collect(tmp_path / "a", SMALL, episodes=3)
-    assert (summary.recorded, summary.kept, summary.episodes) == (3, 0, 3)
+    assert (summary.newly_recorded, summary.already_there, summary.episodes) == (3, 0, 3)
     data = read_dataset(tmp_path / "a")
     first = data.recordings[0]
     assert first.system == data.system == "KeyCLD/Cartpole-v0"
@@ -67,9 +67,9 @@ def test_the_result_does_not_depend_on_workers_or_episodes(tmp_path: Path) -> No
     collect(tmp_path / "one", SMALL, episodes=5)
     collect(tmp_path / "two", SMALL, episodes=2)
     summary = collect(tmp_path / "two", SMALL, episodes=5, workers=2)
-    assert (summary.recorded, summary.kept) == (3, 2)
+    assert (summary.newly_recorded, summary.already_there) == (3, 2)
     assert content(tmp_path / "one") == content(tmp_path / "two")
-    assert collect(tmp_path / "two", SMALL, episodes=5).recorded == 0
+    assert collect(tmp_path / "two", SMALL, episodes=5).newly_recorded == 0
 
 
 @pytest.mark.render
@@ -123,7 +123,7 @@ def test_other_settings_and_foreign_folders_are_refused(tmp_path: Path) -> None:
 def test_settings_that_recorded_nothing_may_change(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="camera"):
         collect(tmp_path / "a", replace(SMALL, camera="nowhere"), episodes=1)
-    assert collect(tmp_path / "a", SMALL, episodes=1).recorded == 1
+    assert collect(tmp_path / "a", SMALL, episodes=1).newly_recorded == 1
 
 
 @pytest.mark.parametrize(
