@@ -1,9 +1,12 @@
-"""Explicit edits of an MJCF document in memory; an edit that does not find what it expects raises."""
+"""Explicit edits of an MJCF document in memory, and what to say of one that MuJoCo refuses."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
+
+from keycld_envs.errors import InputError
 
 _ASSETS = Path(__file__).parent / "assets"
 _COMMON = ("visual", "skybox", "materials")
@@ -92,6 +95,21 @@ def read_suite(domain: str) -> tuple[str, dict[str, bytes]]:
     """
     assets = {f"./common/{name}.xml": (_ASSETS / "common" / f"{name}.xml").read_bytes() for name in _COMMON}
     return (_ASSETS / f"{domain}.xml").read_text(encoding="utf-8"), assets
+
+
+def refused(name: str, error: ValueError) -> InputError:
+    """The error to raise for an MJCF document that MuJoCo refuses, in one sentence.
+
+    Args:
+        name: what to call the document, for instance its path.
+        error: MuJoCo's, which has several lines.
+    """
+    reason = " ".join(str(error).split()).rstrip(".")
+    if not reason.startswith("XML parse error"):
+        return InputError(f"{name} does not compile: {reason}; mend the document.")
+    line = re.search(r"Line number=([1-9]\d*)", reason)
+    where = f" from line {line[1]} on" if line else ""
+    return InputError(f"{name} is no XML{where}; hand in a MuJoCo XML file (MJCF).")
 
 
 def _find_one(root: ElementTree.Element, path: str) -> ElementTree.Element:

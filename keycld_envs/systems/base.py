@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from keycld_envs.checks import check_camera
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
+from keycld_envs.mjcf import refused
 from keycld_envs.projection import world_to_image
 
 Start = Literal["random", "hanging"]
@@ -138,7 +139,7 @@ class System:
             else:
                 model = copy.copy(_compile_text(self.mjcf, tuple(self.assets.items())))
         except ValueError as error:
-            raise InputError(f"The MJCF of system {self.name!r} does not compile: {error}.") from error
+            raise refused(f"The MJCF of system {self.name!r}", error) from error
         self._check(model)
         model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
         return model

@@ -53,6 +53,7 @@ def test_register(slider: System) -> None:
     [
         ({"mjcf": "<mujoco><nonsense/></mujoco>"}, "does not compile"),
         ({"mjcf": Path("nowhere.xml")}, "does not compile"),
+        ({"mjcf": "a note\non two lines"}, "is no XML"),
         ({"joints": (Joint("rail", "hinge", (0, 1)),)}, "declares the joints"),
         ({"actuators": ("pull",)}, "declares the actuators"),
         ({"landmarks": ()}, "declares 0 keypoints"),
@@ -63,5 +64,6 @@ def test_register(slider: System) -> None:
     ],
 )
 def test_a_declaration_that_does_not_fit(slider: System, change: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=message) as caught:
         KeyCLDEnv(replace(slider, **change))
+    assert "\n" not in str(caught.value)

@@ -8,6 +8,7 @@ import gymnasium as gym
 import mujoco
 
 from keycld_envs.errors import InputError
+from keycld_envs.mjcf import refused
 from keycld_envs.registration import resolve_env_id
 
 
@@ -40,7 +41,7 @@ class Source:
             source = cls(mujoco.MjModel.from_xml_path(str(path)), path)
             return source if unnamed(source.model) is None else cls(source.spec().compile(), path)
         except ValueError as error:
-            raise InputError(f"{path} does not compile: {error}.") from error
+            raise refused(str(path), error) from error
 
     @classmethod
     def of_environment(cls, name: str) -> "Source":
