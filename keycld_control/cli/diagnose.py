@@ -24,7 +24,6 @@ class Args:
         held_out: Folder of recordings to test findings on; by default a third of the recordings is held out.
         out: Folder for report.json, report.html (the same for people), and corrected.xml (the corrected simulator).
         tracked: Positions were read off images of a camera; its errors (a view askew, a rolling shutter) are refitted.
-        seed: Has no effect: the diagnosis is a fixed function of recordings and simulator.
         json: Print the report as one JSON object.
     """
 
@@ -34,7 +33,6 @@ class Args:
     held_out: Path | None = None
     out: Path | None = None
     tracked: bool = False
-    seed: int = 0
     json: bool = False
 
 

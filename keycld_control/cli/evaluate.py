@@ -17,7 +17,6 @@ class Args:
         data: Folder of recordings.
         context: Frames that each prediction starts from.
         frames: Recordings are cut into sequences of at most this many frames.
-        seed: Has no effect: every figure is a fixed function of model and data.
         json: Print one JSON object.
     """
 
@@ -25,7 +24,6 @@ class Args:
     data: Path
     context: int = 5
     frames: int = 50
-    seed: int = 0
     json: bool = False
 
 

@@ -29,7 +29,6 @@ class Args:
         licence: Of the data.
         origin: Where the data come from; by default the file's name.
         system: Environment that the data are from, if it is one.
-        seed: Has no effect: an import is a fixed function of the file.
         json: Print one JSON object.
     """
 
@@ -47,7 +46,6 @@ class Args:
     licence: str = ""
     origin: str = ""
     system: str | None = None
-    seed: int = 0
     json: bool = False
 
 

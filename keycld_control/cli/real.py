@@ -20,14 +20,12 @@ class Args:
         data: Folder with the data sets; docs/real-data.md says where to get them.
         only: Gates to run, parted by commas, for instance R3,R4; by default all.
         out: Folder for a JSON file and a page with plots per gate.
-        seed: Has no effect: the gates are fixed functions of the data.
         json: Print one JSON object.
     """
 
     data: Positional[Path]
     only: str = ""
     out: Path | None = None
-    seed: int = 0
     json: bool = False
 
 
