@@ -1,5 +1,6 @@
 """Clips of an episode: what the agent saw, the keypoints it found, and the energy it reckoned."""
 
+import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,8 +20,6 @@ SUFFIXES = (".mp4", ".gif")
 PANEL, STRIP = 384, 96
 """Width and height of the image, height of the energy strip below, pixels."""
 FRAME_RATE = {".mp4": 50.0, ".gif": 20.0}
-REST = 2.0
-"""Seconds at the target after which a clip ends."""
 _DETAIL = 2  # drawn at this multiple of the size, then reduced, for smooth lines
 KEYPOINT, _TARGET, CURVE, _INK, _GROUND = "#ffd23f", "#ffffff", "#ff8c42", "#c8cdd3", "#15191e"
 
@@ -52,12 +51,13 @@ def check_clip_path(path: Path) -> None:
         raise InputError(f"A clip must end in {' or '.join(SUFFIXES)}, got {path}.")
 
 
-def film(settings: LoopSettings, path: Path) -> Episode:
-    """Run the first episode of `settings` and write a clip of it, in real time, until it has rested at the target.
+def film(settings: LoopSettings, path: Path, rest: float = math.inf) -> Episode:
+    """Run the first episode of `settings` and write a clip of it, in real time.
 
     Args:
         settings: what to run.
         path: the clip, ending in .mp4 (H.264, 50 frames/s) or .gif (20 frames/s).
+        rest: seconds at the target after which the clip ends; by default it shows the whole episode.
 
     Raises:
         InputError: as `make_loop`, or if the path has another ending.
@@ -67,7 +67,7 @@ def film(settings: LoopSettings, path: Path) -> Episode:
         timestep = loop.env.system.timestep
         rate = min(FRAME_RATE[path.suffix.lower()], 1 / timestep)
         every = max(1, round(1 / (rate * timestep)))
-        episode, moments = record(loop, settings.seed, REST)
+        episode, moments = record(loop, settings.seed, rest)
         mechanism, agent = loop.env.system.mechanism, loop.agent
         pictures = draw_clip(moments[::every], mechanism, agent.target, agent.pivot, agent.target_energy)
         write_clip(path, pictures, 1 / (every * timestep))

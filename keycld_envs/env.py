@@ -18,6 +18,9 @@ from keycld_envs.rendering import Quality, Renderer
 from keycld_envs.success import SuccessMonitor
 from keycld_envs.systems import Start, System, get_system
 
+RENDER_SIZE = 480
+"""Width and height of frames for people, pixels."""
+
 
 class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
     """Swing-up of a planar mechanism, seen through a fixed camera.
@@ -71,7 +74,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
     ## Arguments
     - `system`: a `System`, or the short name of one ("acrobot", "acrobot-stock"); given by the id.
     - `obs_type`: "pixels" (default), "state", or "pixels_state".
-    - `width`, `height`: size of images in pixels, default 64 x 64.
+    - `width`, `height`: size of observed images in pixels, default 64 x 64.
     - `camera`: name of a camera of the model. The default looks at right angles to the plane of motion; in the Stock
       variants, dm_control's own are "fixed" and "lookat" ("lookatcart").
     - `render_quality`: "fast" (default) or "full", which is bit for bit dm_control's image.
@@ -79,6 +82,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
     - `start`: "random" or "hanging".
     - `effects`: physics to add, of `keycld_envs.effects`: friction, springs, lags of motors, and so on.
     - `render_mode`: "rgb_array" or None.
+    - `render_width`, `render_height`: size of the frames of `render` in pixels, for people, default 480 x 480.
 
     `info` holds "qpos" [nq], "qvel" [nv], "energy" (kinetic and potential, J), and "is_success". `model` and `data` are
     the live `MjModel` and `MjData`. OpenGL is opened when the first image is rendered; `close` frees it. Start worker
@@ -107,6 +111,8 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         start: Start | None = None,
         effects: Sequence[Effect] = (),
         render_mode: str | None = None,
+        render_width: int = RENDER_SIZE,
+        render_height: int = RENDER_SIZE,
     ) -> None:
         EzPickle.__init__(
             self,
@@ -120,11 +126,15 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
             start=start,
             effects=effects,
             render_mode=render_mode,
+            render_width=render_width,
+            render_height=render_height,
         )
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self.system = get_system(system) if isinstance(system, str) else system
         self.obs_type: ObsType = obs_type
         self.width, self.height = check_size("width", width), check_size("height", height)
+        self.render_width = check_size("render_width", render_width)
+        self.render_height = check_size("render_height", render_height)
         self.render_quality: Quality = render_quality
         self.start: Start = start or self.system.start
         self.render_mode = render_mode
@@ -201,8 +211,8 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         return self._observation(), float(reward), False, False, self._info()
 
     def render(self) -> NDArray[np.uint8]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """[height, width, 3] RGB image of the current state."""
-        return self.render_frame()
+        """[render_height, render_width, 3] RGB image of the current state, for people."""
+        return self.render_frame(width=self.render_width, height=self.render_height)
 
     def render_frame(self, *, width: int | None = None, height: int | None = None) -> NDArray[np.uint8]:
         """[height, width, 3] RGB image of the current state, of the observations' size unless told otherwise."""

@@ -27,7 +27,7 @@ def _speed(quality: Any, report: dict[str, Any]) -> float:
 
     with closing(KeyCLDEnv("acrobot", render_quality=quality)) as env:
         env.reset(seed=0)
-        env.render()
+        env.render_frame()
         with suppress(Exception):
             from OpenGL.GL import GL_RENDERER, glGetString
 

@@ -7,6 +7,8 @@ from keycld_control.cli._output import print_result
 
 SYSTEMS = ("pendulum", "cartpole", "acrobot")
 STARTS = ("random", "hanging")
+REST = 2.0
+"""Seconds at the target after which a clip ends."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ def run(args: Args) -> None:
         for start in STARTS:
             rows.append(swing_up(LoopSettings(system, start=start, seed=args.seed), args.episodes, args.workers))
         clips.append(args.out / f"{system}.mp4")
-        film(LoopSettings(system, start="hanging", seed=args.seed), clips[-1])
+        film(LoopSettings(system, start="hanging", seed=args.seed), clips[-1], REST)
     if args.json:
         print_result({"rows": [asdict(row) for row in rows], "clips": [str(clip) for clip in clips]}, as_json=True)
         return

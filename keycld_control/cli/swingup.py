@@ -22,7 +22,7 @@ class Args:
         law: "turning", "projected" (the paper's on the constraint manifold) or "paper" (to the letter).
         kp: Stiffness, 1/s²; by default 40.
         kd: Damping, 1/s; by default 10.
-        video: Write a clip of the first episode (.mp4 or .gif).
+        video: Write a clip of the whole first episode (.mp4 or .gif).
         workers: Number of processes; the result does not depend on it.
         seed: Seed of the first episode; the following ones count up.
         json: Print one JSON object.

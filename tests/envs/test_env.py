@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RenderCollection
 
 import keycld_envs
 from keycld_envs import SYSTEMS, KeyCLDEnv, get_system, resolve_env_id
@@ -256,11 +257,32 @@ def test_render_qpos_shows_a_configuration_and_leaves_the_state(domain: str) -> 
 
 
 @pytest.mark.render
+def test_frames_for_people_are_of_their_own_size() -> None:
+    env = KeyCLDEnv("acrobot", render_mode="rgb_array", width=16, height=24)
+    observed, _ = env.reset(seed=0)
+    frame = env.render()
+    assert observed.shape == (24, 16, 3) and frame.shape == (480, 480, 3)
+    np.testing.assert_array_equal(env.render_frame(), observed)
+    np.testing.assert_array_equal(env.render_frame(width=480, height=480), frame)
+    env.close()
+
+
+@pytest.mark.render
+def test_gymnasium_collects_frames_for_people() -> None:
+    env = keycld_envs.make("pendulum", render_mode="rgb_array", obs_type="state", render_width=32, render_height=48)
+    collected = RenderCollection(env)
+    rollout(collected, seed=0, steps=3)
+    frames = collected.render()
+    assert frames is not None and np.shape(frames) == (4, 48, 32, 3)
+    collected.close()
+
+
+@pytest.mark.render
 def test_edits_of_the_live_model_show() -> None:
     env = KeyCLDEnv("pendulum")
     before, _ = env.reset(options={"qpos": [1.0]})
     env.model.mat_rgba[:] = [1, 0, 0, 1]
-    assert np.abs(env.render().astype(int) - before).max() > 50
+    assert np.abs(env.render_frame().astype(int) - before).max() > 50
     env.model.actuator_gear[:] = 0
     env.reset(options={"qpos": [1.0]})
     torque_free = env.step([3.0])[4]["qvel"]
@@ -272,12 +294,13 @@ def test_edits_of_the_live_model_show() -> None:
 @pytest.mark.render
 @pytest.mark.parametrize("name", ["acrobot", "cartpole-stock"])
 def test_pickling_after_a_render(name: str) -> None:
-    env = KeyCLDEnv(name, width=16, height=16, action_limit=2, start="hanging", render_quality="full")
+    env = KeyCLDEnv(name, width=16, height=16, action_limit=2, start="hanging", render_quality="full", render_width=32)
     first, _ = env.reset(seed=0)
     copy = pickle.loads(pickle.dumps(env))
     second, _ = copy.reset(seed=0)
     np.testing.assert_array_equal(first, second)
     assert copy.action_space == env.action_space and copy.render_quality == "full" and copy.start == "hanging"
+    assert (copy.render_width, copy.render_height) == (32, 480)
     env.close()
     copy.close()
 
@@ -297,11 +320,11 @@ def test_an_environment_renders_again_after_close() -> None:
 def test_two_environments_render_side_by_side() -> None:
     one, two = (KeyCLDEnv(name, width=16, height=16) for name in ("acrobot", "pendulum"))
     alone = [env.reset(seed=0)[0] for env in (one, two)]
-    mixed = [one.render(), two.render(), one.render()]
+    mixed = [one.render_frame(), two.render_frame(), one.render_frame()]
     for image, expected in zip(mixed, [*alone, alone[0]], strict=True):
         np.testing.assert_array_equal(image, expected)
     one.close()
-    np.testing.assert_array_equal(two.render(), alone[1])
+    np.testing.assert_array_equal(two.render_frame(), alone[1])
     two.close()
 
 

@@ -17,6 +17,7 @@ from keycld_envs import InputError, KeyCLDEnv, get_system, resolve_env_id
         ({"width": 0}, "width must be a whole number of at least 2 pixels, got 0"),
         ({"height": -64}, "height must be a whole number"),
         ({"height": 64.5}, "height must be a whole number"),
+        ({"render_width": 1}, "render_width must be a whole number"),
         ({"camera": "fixd"}, "has no camera 'fixd'; did you mean 'fixed'?"),
         ({"camera": "zzz"}, "it has 'fixed', 'lookat'"),
         ({"render_quality": "ultra"}, "render_quality must be one of 'fast', 'full'"),

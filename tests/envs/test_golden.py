@@ -34,7 +34,7 @@ def test_fast_looks_like_full(name: str) -> None:
     differences = []
     for seed in range(10):
         env.reset(seed=seed)
-        differences.append(np.abs(env.render().astype(int) - full.render_qpos(env.data.qpos)))
+        differences.append(np.abs(env.render_frame().astype(int) - full.render_qpos(env.data.qpos)))
     assert 0 < np.mean(differences) < 0.5
     assert np.percentile(differences, 99.9) < 32
     env.close()
