@@ -1,11 +1,13 @@
 """Agents, closed loops and the command line of KeyCLD."""
 
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from keycld_control.agent import EnergyShapingAgent
 
 __all__ = ["EnergyShapingAgent"]
+__version__ = version("keycld")
 
 
 def __getattr__(name: str) -> Any:

@@ -1,5 +1,7 @@
 """Environments, systems and recordings of KeyCLD. NumPy and MuJoCo only; opens no OpenGL until a frame is rendered."""
 
+from importlib.metadata import version
+
 from keycld_envs.opengl import import_mujoco
 
 import_mujoco()
@@ -11,6 +13,8 @@ from keycld_envs.registration import make, register, register_all, resolve_env_i
 from keycld_envs.systems import SYSTEMS, Joint, Landmark, System, Tolerance, get_system  # noqa: E402
 
 register_all()
+
+__version__ = version("keycld")
 
 __all__ = [
     "SYSTEMS",

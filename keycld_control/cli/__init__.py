@@ -4,8 +4,9 @@ A command is one module of this package, named like the command, with a frozen d
 command line, and a function `run(args)`, which may return an exit code. Its module docstring is its line in
 `keycld --help`. Only the module of the command in use is imported.
 
-Exit codes: 0, 2 for input that cannot be used (one sentence on stderr), 130 after Ctrl-C; `diagnose` has 10 for
-missing physics and 11 for recordings that cannot tell, `real` 1 for a gate that is not reached.
+Exit codes: 0, 2 for input that cannot be used (one sentence on stderr), 130 after Ctrl-C, 141 if the reader of the
+output has left; `diagnose` has 10 for missing physics and 11 for recordings that cannot tell, `real` 1 for a gate
+that is not reached.
 """
 
 import ast
@@ -14,12 +15,17 @@ import errno
 import importlib
 import os
 import pkgutil
+import select
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
 from importlib.util import find_spec
 
 import tyro
+
+from keycld_control import __version__
+
+READER_LEFT = 141
+"""Exit code of a program that SIGPIPE ends, 128 + 13."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,12 +38,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        try:
+            return _run(words)
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        if not _reader_left():
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python writes when it ends
+        return READER_LEFT
+    except SystemExit as end:  # so Rich ends where its output finds no reader
+        if not isinstance(end.__context__, BrokenPipeError):
+            raise
+        return READER_LEFT
+
+
+def command_names() -> list[str]:
+    """All commands: the public modules of this package."""
+    return sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
+
+
+def _run(words: list[str]) -> int:
     name = words[0] if words else "--help"
     if name in ("-h", "--help"):
         print(_overview())
         return 0
     if name == "--version":
-        print(f"keycld {version('keycld')}")
+        print(f"keycld {__version__}")
         return 0
     if name not in command_names():
         similar = difflib.get_close_matches(name, command_names(), n=1)
@@ -64,9 +92,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code or 0
 
 
-def command_names() -> list[str]:
-    """All commands: the public modules of this package."""
-    return sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
+def _reader_left() -> bool:
+    """Whether nobody reads stdout any more, as after `| head`; a pipe to another process may have broken instead."""
+    poll = select.poll()
+    poll.register(sys.stdout, 0)
+    return bool(poll.poll(0))
 
 
 def _input_errors() -> tuple[type[Exception], ...]:

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from keycld_control import __version__
 from keycld_control.cli._output import print_result
 
 PROBE_TIMEOUT_S = 120
@@ -66,7 +67,7 @@ def examine() -> dict[str, Any]:
         advice.append(f"No frames can be rendered: {first}{INSTALL_OPENGL}.")
     return {
         "ok": not advice,
-        "keycld": version("keycld"),
+        "keycld": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
         "cpus": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),

@@ -5,11 +5,15 @@ import json
 import os
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import keycld_control
+import keycld_envs
+import keycld_model
 from keycld_control.cli import command_names, main
 from keycld_control.cli.doctor import examine
 
@@ -18,7 +22,7 @@ COLLECT = ["--steps", "3", "--width", "16", "--height", "16"]
 
 def keycld(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
     env = {key: value for key, value in os.environ.items() if key not in ("MUJOCO_GL", "DISPLAY", "PYOPENGL_PLATFORM")}
-    command = [sys.executable, "-m", "keycld_control.cli", *words]
+    command = [sys.executable, "-m", "keycld_control", *words]
     return subprocess.run(command, capture_output=True, text=True, env=env | environment, check=False)
 
 
@@ -38,8 +42,13 @@ def test_overview_names_every_command(capsys: pytest.CaptureFixture[str]) -> Non
         out = capsys.readouterr().out
         assert all(f"  {name} " in out for name in command_names())
     assert {"collect", "doctor"} <= set(command_names())
+
+
+def test_the_packages_and_the_command_have_one_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out.startswith("keycld 0.")
+    installed = version("keycld")
+    assert capsys.readouterr().out == f"keycld {installed}\n"
+    assert {package.__version__ for package in (keycld_envs, keycld_model, keycld_control)} == {installed}
 
 
 @pytest.mark.parametrize("name", command_names())
@@ -67,8 +76,8 @@ def test_collect_prints_one_json_object_and_nothing_else(tmp_path: Path) -> None
         "system": "KeyCLD/Acrobot-v0",
         "out": str(tmp_path / "a"),
         "episodes": 2,
-        "recorded": 2,
-        "kept": 0,
+        "newly_recorded": 2,
+        "already_there": 0,
         "frames_per_second": 0,
     }
 
@@ -107,6 +116,26 @@ def test_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[s
     monkeypatch.setattr("keycld_control.cli.doctor.run", interrupt)
     assert main(["doctor"]) == 130
     assert capsys.readouterr().err == "keycld: interrupted\n"
+
+
+@pytest.mark.parametrize("words", [["--help"], ["collect", "--help"], ["doctor"], ["doctor", "--json"]])
+def test_a_reader_of_the_output_that_leaves(words: list[str]) -> None:
+    """As in `keycld doctor | head -n 1`; quiet, with the exit code of a program that SIGPIPE ends."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "keycld_control", *words]
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_other_pipes_that_break_are_not_hidden(monkeypatch: pytest.MonkeyPatch, capfd: Any) -> None:
+    def fail(args: Any) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("keycld_control.cli.doctor.run", fail)
+    with pytest.raises(BrokenPipeError):
+        main(["doctor"])
 
 
 @pytest.mark.render
