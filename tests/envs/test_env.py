@@ -273,7 +273,7 @@ def test_gymnasium_collects_frames_for_people() -> None:
     collected = RenderCollection(env)
     rollout(collected, seed=0, steps=3)
     frames = collected.render()
-    assert frames is not None and np.shape(frames) == (4, 48, 32, 3)
+    assert np.array(frames).shape == (4, 48, 32, 3)
     collected.close()
 
 
