@@ -1,4 +1,4 @@
-# make demo     swing up all three systems from pixels; table and clips
+# make demo     swing up the reference systems from pixels; table and clips
 # make test     all tests
 # make lint     ruff;  make types: pyright;  make layers: import layers;  make docs: strict documentation
 # make weights  collect data and train the shipped weights anew
@@ -6,7 +6,6 @@
 
 PYTHON ?= python3
 BIN := .venv/bin
-SYSTEMS := pendulum cartpole acrobot
 SEED := 0
 DATA_SEED := 1
 DEBIAN := Debian, Ubuntu: apt-get install python3-venv libegl1 libgl1-mesa-dri
@@ -36,7 +35,7 @@ docs: .venv/.keycld-docs
 	@echo "docs/_build/html/index.html"
 
 weights: libraries .venv/.keycld opengl
-	for system in $(SYSTEMS); do \
+	for system in `$(BIN)/python -c 'from keycld_envs import REFERENCE_SYSTEMS; print(*REFERENCE_SYSTEMS)'`; do \
 	  $(BIN)/keycld collect $$system --out data/$$system --workers 2 --seed $(DATA_SEED) && \
 	  $(BIN)/keycld train $$system --data data/$$system --out runs/$$system --seed $(SEED) && \
 	  mkdir -p keycld_model/weights/$$system && \

@@ -1,4 +1,4 @@
-"""Draw the clip of the README: three systems swing up, again and again, each from pixels and one target image.
+"""Draw the clip of the README: the reference systems swing up, again and again, each from pixels and one target image.
 
 python examples/figures.py --out docs/media/swingup.gif
 """
@@ -14,6 +14,7 @@ from PIL import Image, ImageColor
 from keycld_control.closed_loop import LoopSettings, make_loop
 from keycld_control.video import CURVE, KEYPOINT, Moment, draw_clip, record
 from keycld_envs.files import atomic_file
+from keycld_envs.systems import REFERENCE_SYSTEMS
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Args:
     """
 
     out: Path = Path("docs/media/swingup.gif")
-    systems: tuple[str, ...] = ("pendulum", "cartpole", "acrobot")
+    systems: tuple[str, ...] = REFERENCE_SYSTEMS
     weights: Path | None = None
     seconds: float = 8.0
     interval: float = 0.07

@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from keycld_envs.systems import get_system
+from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
 from keycld_model.rigid_body.effects import Pushing
 from keycld_model.rigid_body.engine import Copies, MujocoRollouts, Rollouts
 from keycld_model.rigid_body.mechanism import Mechanism
@@ -42,7 +42,7 @@ def main(repeats: int = 7, seed: int = 0) -> None:
     """
     rng = np.random.default_rng(seed)
     table = Table("system", "MuJoCo, 1 thread, us", "MuJoCo, 2 threads, us", "compiled, us", "ratio to 2 threads")
-    for name in ("pendulum", "cartpole", "acrobot"):
+    for name in REFERENCE_SYSTEMS:
         model = get_system(name).compile()
         model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, 0.01
         mechanism = Mechanism.of(model)

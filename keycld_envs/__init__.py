@@ -10,13 +10,22 @@ from keycld_envs.env import KeyCLDEnv  # noqa: E402
 from keycld_envs.errors import InputError  # noqa: E402
 from keycld_envs.mechanism import Mechanism, Rod, Slider  # noqa: E402
 from keycld_envs.registration import make, register, register_all, resolve_env_id, system_of  # noqa: E402
-from keycld_envs.systems import SYSTEMS, Joint, Landmark, System, Tolerance, get_system  # noqa: E402
+from keycld_envs.systems import (  # noqa: E402
+    REFERENCE_SYSTEMS,
+    SYSTEMS,
+    Joint,
+    Landmark,
+    System,
+    Tolerance,
+    get_system,
+)
 
 register_all()
 
 __version__ = version("keycld")
 
 __all__ = [
+    "REFERENCE_SYSTEMS",
     "SYSTEMS",
     "InputError",
     "Joint",

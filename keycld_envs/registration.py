@@ -8,7 +8,7 @@ import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec
 
 from keycld_envs.errors import InputError
-from keycld_envs.systems import SYSTEMS, System, get_system
+from keycld_envs.systems import REFERENCE_SYSTEMS, SYSTEMS, System, get_system
 
 MAX_EPISODE_STEPS = 1000
 _ENTRY_POINT = "keycld_envs.env:KeyCLDEnv"
@@ -17,11 +17,10 @@ _SHORT_NAMES: dict[str, str] = {}
 
 def register_all() -> None:
     """Register every system: `KeyCLD/Acrobot-v0`, its alias `...FullyActuated-v0`, `KeyCLD/AcrobotStock-v0`."""
-    for name in SYSTEMS:
-        base, _, variant = name.partition("-")
-        suffixes = ("Stock",) if variant else ("", "FullyActuated")
-        for suffix in suffixes:
-            env_id = f"KeyCLD/{base.capitalize()}{suffix}-v0"
+    for name, system in SYSTEMS.items():
+        fully_actuated = system.mechanism.num_actions == system.mechanism.degrees_of_freedom
+        for suffix in ("", "FullyActuated") if name in REFERENCE_SYSTEMS and fully_actuated else ("",):
+            env_id = f"KeyCLD/{''.join(map(str.capitalize, name.split('-')))}{suffix}-v0"
             gym.register(env_id, entry_point=_ENTRY_POINT, max_episode_steps=MAX_EPISODE_STEPS, kwargs={"system": name})
             _SHORT_NAMES.setdefault(name, env_id)
 

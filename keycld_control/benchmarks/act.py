@@ -8,11 +8,11 @@ import time
 from keycld_control.benchmarks.figure import Figure
 from keycld_control.benchmarks.weights import Weights
 from keycld_envs.progress import progress
+from keycld_envs.systems import get_system
 from keycld_envs.workers import ONE_THREAD, map_in_processes
 
 REQUIRED = 300.0
 IMAGES, REPEATS = 250, 11
-WEAK_LIMIT = 3.0
 
 
 def act_per_second(weights: Weights, seed: int = 0, images: int = IMAGES, repeats: int = REPEATS) -> list[Figure]:
@@ -28,8 +28,7 @@ def act_per_second(weights: Weights, seed: int = 0, images: int = IMAGES, repeat
         repeats: how often they are shown; the median counts.
     """
     cases: list[tuple[str, float | None]] = [(system, None) for system in weights.systems]
-    if "acrobot" in weights.systems:
-        cases.append(("acrobot", WEAK_LIMIT))  # pumps
+    cases += [(s, limit) for s in weights.systems if (limit := get_system(s).weak_limit) is not None]  # pump
     work = functools.partial(_measure, weights, seed, images, repeats)
     figures = []
     with progress("Acting on one core", total=len(cases)) as advance:

@@ -1,6 +1,7 @@
 """Frames per second of the environments, against dm_control's own pixels in the same process."""
 
 import importlib
+import importlib.util
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
@@ -9,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from keycld_control.benchmarks.figure import Figure
-from keycld_control.benchmarks.weights import SYSTEMS
-from keycld_envs import InputError, KeyCLDEnv
+from keycld_envs import REFERENCE_SYSTEMS, InputError, KeyCLDEnv
 from keycld_envs.progress import progress
 
 SIZE = 64
@@ -18,12 +18,14 @@ REPEATS, STEPS = 9, 40
 REQUIRED = {"fast": 5.0, "full": 1.0}
 
 
-def speed_figures(systems: Sequence[str] = SYSTEMS, repeats: int = REPEATS, steps: int = STEPS) -> Iterator[Figure]:
+def speed_figures(
+    systems: Sequence[str] = REFERENCE_SYSTEMS, repeats: int = REPEATS, steps: int = STEPS
+) -> Iterator[Figure]:
     """Frames per second with a 64 x 64 image each step: dm_control's, and KeyCLD's in both render qualities.
 
     The three take turns, so that other load on the machine meets all alike. A figure is the ratio to dm_control within
     a turn; its details are fps_dm_control, fps_fast, fps_full, ratio_fast and ratio_full, or the reason why there are
-    none where dm_control is not installed.
+    none where dm_control is not installed or has no such system.
 
     Args:
         systems: short names.
@@ -33,7 +35,7 @@ def speed_figures(systems: Sequence[str] = SYSTEMS, repeats: int = REPEATS, step
     Raises:
         InputError: if there is no OpenGL, of which dm_control would say less.
     """
-    with closing(KeyCLDEnv(SYSTEMS[0])) as env:
+    with closing(KeyCLDEnv(REFERENCE_SYSTEMS[0])) as env:
         env.reset(seed=0)
     for system in systems:
         try:
@@ -89,6 +91,8 @@ def _dm_control(system: str) -> Any:
             "keycld installs dm-control."
         ) from error
 
+    if importlib.util.find_spec(f"dm_control.suite.{system}") is None:
+        raise InputError(f"dm_control has no {system} to compare with.")
     env = importlib.import_module(f"dm_control.suite.{system}").swingup(time_limit=float("inf"))
     return pixels.Wrapper(env, render_kwargs={"height": SIZE, "width": SIZE, "camera_id": 0})
 

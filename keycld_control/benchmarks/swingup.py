@@ -1,13 +1,13 @@
 """How many episodes end upright, from pixels."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, get_args
 
 from keycld_control.benchmarks.figure import Figure
-from keycld_control.benchmarks.weights import SYSTEMS, Weights
+from keycld_control.benchmarks.weights import Weights
 from keycld_control.closed_loop import LoopSettings
 from keycld_control.swingup import swing_up
-from keycld_envs.systems import Start
+from keycld_envs.systems import Start, get_system
 
 
 class Case(NamedTuple):
@@ -20,14 +20,20 @@ class Case(NamedTuple):
 
 
 STARTS: tuple[Start, ...] = get_args(Start)
-CASES = (
-    *(Case(system, None, start, 0.99) for system in SYSTEMS for start in STARTS),
-    *(Case("acrobot", 3.0, start, 0.95) for start in STARTS),
-)
+REQUIRED, REQUIRED_WEAK = 0.99, 0.95
+
+
+def cases(systems: Sequence[str]) -> Iterator[Case]:
+    """All systems at their default limits, then at their weak ones, of those that have any."""
+    for system in systems:
+        yield from (Case(system, None, start, REQUIRED) for start in STARTS)
+    for system in systems:
+        if (limit := get_system(system).weak_limit) is not None:
+            yield from (Case(system, limit, start, REQUIRED_WEAK) for start in STARTS)
 
 
 def swing_up_success(weights: Weights, episodes: int, workers: int = 1, seed: int = 0) -> Iterator[Figure]:
-    """Count successes from random and hanging starts, at the default limits, and for the acrobot at ±3 as well.
+    """Count successes from random and hanging starts, at the default limits, and at a system's weak limit as well.
 
     Args:
         weights: what to measure.
@@ -35,9 +41,7 @@ def swing_up_success(weights: Weights, episodes: int, workers: int = 1, seed: in
         workers: number of processes; the counts do not depend on it.
         seed: of the first episode of every series.
     """
-    for case in CASES:
-        if case.system not in weights.systems:
-            continue
+    for case in cases(weights.systems):
         settings = LoopSettings(
             case.system, weights.source(case.system), start=case.start, seed=seed, action_limit=case.limit
         )

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from keycld_envs.errors import InputError
-
-SYSTEMS = ("pendulum", "cartpole", "acrobot")
+from keycld_envs.systems import REFERENCE_SYSTEMS
 
 
 @dataclass(frozen=True)
@@ -17,7 +16,7 @@ class Weights:
         folder: holds one checkpoint per system, named like it; None stands for the shipped weights.
     """
 
-    systems: tuple[str, ...] = SYSTEMS
+    systems: tuple[str, ...] = REFERENCE_SYSTEMS
     folder: Path | None = None
 
     def source(self, system: str) -> str:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from keycld_control.benchmarks.weights import Weights
 
 Part = Literal["envs", "act", "models", "swingup"]
-System = Literal["pendulum", "cartpole", "acrobot"]
 PARTS: tuple[Part, ...] = ("envs", "act", "models", "swingup")
 
 
@@ -29,7 +28,7 @@ class Args:
     Attributes:
         only: Part to measure, repeatable: "envs" (frames/s), "act" (actions/s), "models" (prediction, angles, training
             time), "swingup" (success); by default all.
-        system: System to measure, repeatable; by default all three.
+        system: System to measure, repeatable; by default all; `keycld systems` lists them.
         weights: Folder with a checkpoint per system, named like it; by default the shipped weights.
         data: Folder with a data set per system, named like it; by default, the paper's data set is collected anew with
             the seed of the weights.
@@ -41,7 +40,7 @@ class Args:
     """
 
     only: Annotated[tuple[Part, ...], UseAppendAction] = ()
-    system: Annotated[tuple[System, ...], UseAppendAction] = ()
+    system: Annotated[tuple[str, ...], UseAppendAction] = ()
     weights: Path | None = None
     data: Path | None = None
     episodes: int = 100
@@ -53,8 +52,9 @@ class Args:
 
 def run(args: Args) -> None:
     """Measure and print; exit code 0 whatever the figures are."""
-    from keycld_control.benchmarks.weights import SYSTEMS, Weights
+    from keycld_control.benchmarks.weights import Weights
     from keycld_envs.errors import InputError
+    from keycld_envs.systems import chosen_systems
 
     for name in ("episodes", "workers"):
         if getattr(args, name) < 1:
@@ -62,7 +62,7 @@ def run(args: Args) -> None:
     if args.seed < 0:
         raise InputError(f"seed is {args.seed}; it must be at least 0.")
     parts: tuple[Part, ...] = tuple(part for part in PARTS if part in (args.only or PARTS))
-    weights = Weights(tuple(s for s in SYSTEMS if s in (args.system or SYSTEMS)), args.weights)
+    weights = Weights(chosen_systems(args.system), args.weights)
     if args.data is not None and (missing := [s for s in weights.systems if not (args.data / s).is_dir()]):
         raise InputError(f"{args.data} has no folder {missing[0]!r}; it must hold one data set per system.")
     if parts != ("envs",):

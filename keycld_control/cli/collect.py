@@ -14,7 +14,7 @@ class Args:
     """Record a data set of a simulated system. Run again with the same settings, it continues where it stopped.
 
     Attributes:
-        system: Short name (pendulum, cartpole, acrobot), environment id, or your_module:id to import a module first.
+        system: Short name (`keycld systems` lists them), environment id, or your_module:id to import a module first.
         out: Folder of the data set.
         episodes: Number of recordings.
         steps: Frames per recording.

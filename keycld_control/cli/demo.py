@@ -1,11 +1,10 @@
-"""Swing up all three systems with the shipped weights: a table, and a clip of each."""
+"""Swing up the reference systems with the shipped weights: a table, and a clip of each."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from keycld_control.cli._output import print_result
 
-SYSTEMS = ("pendulum", "cartpole", "acrobot")
 STARTS = ("random", "hanging")
 REST = 2.0
 """Seconds at the target after which a clip ends."""
@@ -13,7 +12,7 @@ REST = 2.0
 
 @dataclass(frozen=True)
 class Args:
-    """Swing up all three systems with the shipped weights: a table, and a clip of each.
+    """Swing up the reference systems with the shipped weights: a table, and a clip of each.
 
     Attributes:
         episodes: Episodes per system and start.
@@ -35,9 +34,10 @@ def run(args: Args) -> None:
     from keycld_control.closed_loop import LoopSettings
     from keycld_control.swingup import swing_up
     from keycld_control.video import film
+    from keycld_envs.systems import REFERENCE_SYSTEMS
 
     rows, clips = [], []
-    for system in SYSTEMS:
+    for system in REFERENCE_SYSTEMS:
         for start in STARTS:
             rows.append(swing_up(LoopSettings(system, start=start, seed=args.seed), args.episodes, args.workers))
         clips.append(args.out / f"{system}.mp4")

@@ -2,14 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import UseAppendAction
 
 from keycld_control.cli._compiled import keep_compiled
 from keycld_control.cli._output import print_result
-
-System = Literal["pendulum", "cartpole", "acrobot"]
 
 
 @dataclass(frozen=True)
@@ -22,8 +20,8 @@ class Args:
 
     Attributes:
         out: Folder of the report, of data, models and results; one folder per --seed.
-        system: System, repeatable; by default all three.
-        preset: Model, repeatable: default, nc, node2, fc, joint, joint-sign; by default all.
+        system: System, repeatable; by default all; `keycld systems` lists them.
+        preset: Preset of the models, repeatable; by default all that the report has.
         seeds: Seeds of training per model.
         sequences: Training sequences, repeatable; by default 450, and 25 to 200 for the default's first seed.
         retrain: Train also what the shipped weights are of, if it has no figures yet.
@@ -35,7 +33,7 @@ class Args:
     """
 
     out: Path
-    system: Annotated[tuple[System, ...], UseAppendAction] = ()
+    system: Annotated[tuple[str, ...], UseAppendAction] = ()
     preset: Annotated[tuple[str, ...], UseAppendAction] = ()
     seeds: int = 3
     sequences: Annotated[tuple[int, ...], UseAppendAction] = ()
@@ -50,18 +48,18 @@ class Args:
 def run(args: Args) -> None:
     """Work off what is missing, then write and name the report."""
     keep_compiled()
-    from keycld_control.benchmarks.weights import SYSTEMS
     from keycld_control.paper.page import write_report
     from keycld_control.paper.plan import AMOUNTS, TITLES, WHOLE, trainings
     from keycld_control.paper.work import Work, results, work_off
     from keycld_envs.errors import InputError
+    from keycld_envs.systems import chosen_systems
 
     for name, least in (("seeds", 1), ("workers", 1), ("seed", 0)):
         if getattr(args, name) < least:
             raise InputError(f"{name} is {getattr(args, name)}; it must be at least {least}.")
     if unknown := [name for name in args.preset if name not in TITLES]:
         raise InputError(f"--preset names {unknown[0]!r}; there are {', '.join(TITLES)}.")
-    planned = list(trainings(tuple(s for s in SYSTEMS if s in (args.system or SYSTEMS)), args.seeds))
+    planned = list(trainings(chosen_systems(args.system), args.seeds))
     wanted = [
         t
         for t in planned

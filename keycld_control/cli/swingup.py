@@ -14,7 +14,7 @@ class Args:
     """Swing a system up from pixels, with learned weights and one target image, and count successes.
 
     Attributes:
-        system: Short name (pendulum, cartpole, acrobot) or environment id.
+        system: Short name (`keycld systems` lists them) or environment id.
         weights: Checkpoint, or name of shipped weights; by default those of the system.
         episodes: Number of episodes, of 1000 steps each.
         start: "random" angles at rest, or "hanging"; by default the environment's own.

@@ -13,7 +13,7 @@ class Args:
     """Train a world model. Run again with the same settings, it continues where it stopped.
 
     Attributes:
-        system: Short name (pendulum, cartpole, acrobot), environment id, module:id of your own, or a JSON file with a
+        system: Short name (`keycld systems` lists them), environment id, module:id of your own, or a JSON file with a
             mechanism's declaration for recordings of a camera.
         data: Folder of recordings.
         out: Folder for the checkpoint and the log.

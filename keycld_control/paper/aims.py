@@ -4,20 +4,22 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from keycld_control.benchmarks.weights import SYSTEMS
 from keycld_control.paper.plan import ABLATIONS, PAPER_VPT, TITLES, WHOLE
-from keycld_control.paper.tables import Result, Table, chosen, interval, number
+from keycld_control.paper.tables import Result, Table, chosen, interval, measured, number
 
 FEW = 50
 """Sequences that must suffice."""
+LASTING = ("pendulum", "cartpole")
+"""Systems whose angles must stay right over 500 frames; the acrobot is chaotic."""
 Cell = Callable[[str, list[Result]], str]
 
 
 def aims(results: Sequence[Result]) -> Table:
     """All aims for the default model."""
+    systems = measured(results)
 
     def row(name: str, wanted: str, cell: Cell, measure: str, amount: int = WHOLE) -> tuple[str, ...]:
-        seeds = {s: [r for r in chosen(results, s, "default", amount) if measure in r] for s in SYSTEMS}
+        seeds = {s: [r for r in chosen(results, s, "default", amount) if measure in r] for s in systems}
         return (name, wanted, *(cell(system, found) if found else "–" for system, found in seeds.items()))
 
     rows = (
@@ -25,9 +27,9 @@ def aims(results: Sequence[Result]) -> Table:
         (
             "models, best VPT from 2 frames first",
             _titles(ABLATIONS),
-            *(_order(results, s) for s in SYSTEMS),
+            *(_order(results, s) for s in systems),
         ),
-        row("angle VPT over 500 frames, from 5 frames", "0.9 (not acrobot)", _angles, "long"),
+        row("angle VPT over 500 frames, from 5 frames", f"0.9 ({', '.join(LASTING)})", _angles, "long"),
         row("angle VPT over 500 frames, from 20 frames", "", _informed, "long"),
         row("angle VPT of the true mechanism, from the true start in finer steps", "", _ceiling, "ceiling"),
         row("R² of V, worst sweep and seed", "0.99", _sweeps, "potential"),
@@ -40,10 +42,10 @@ def aims(results: Sequence[Result]) -> Table:
         "In short",
         "The order of the models is to be the paper's. Where NODE2 comes before KeyCLD-NC: a network sees velocities, "
         "but forces without constraints depend on position and action alone, so that centripetal accelerations have to "
-        "come from a stiff V. Angles of pendulum and cartpole must reach 0.9; the acrobot's "
+        f"come from a stiff V. Angles of {' and '.join(LASTING)} must reach 0.9; the acrobot's "
         "stand beside its Lyapunov time below. Energy is the learned one, without actions, relative to the range of V "
         "along the way.",
-        ("measure", "must reach", *SYSTEMS),
+        ("measure", "must reach", *systems),
         tuple(r for r in rows if any(cell != "–" for cell in r[2:])),
     )
 
@@ -88,7 +90,8 @@ def _masses(_: str, seeds: list[Result]) -> str:
 
 
 def _few(system: str, seeds: list[Result]) -> str:
-    return f"{interval([r['table']['vpt_from_2'] for r in seeds])} ({PAPER_VPT['default'][system]:.2f})"
+    papers = PAPER_VPT["default"].get(system)
+    return interval([r["table"]["vpt_from_2"] for r in seeds]) + ("" if papers is None else f" ({papers:.2f})")
 
 
 def _times(_: str, seeds: list[Result]) -> str:

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
-from itertools import chain
+from itertools import chain, cycle
 from pathlib import Path
 from string import Template
 
@@ -14,9 +14,8 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from keycld_control.benchmarks.weights import SYSTEMS
 from keycld_control.paper.aims import aims
-from keycld_control.paper.plan import ABLATIONS, AMOUNTS, OPTIMISERS, TITLES, WHOLE
+from keycld_control.paper.plan import AMOUNTS, TITLES, WHOLE
 from keycld_control.paper.tables import (
     Result,
     Table,
@@ -26,6 +25,7 @@ from keycld_control.paper.tables import (
     chosen,
     integrators,
     long,
+    measured,
     potential,
     recall,
     sooner,
@@ -96,9 +96,10 @@ def sections(out: Path, results: Sequence[Result]) -> Iterator[Section]:
 def _curves(results: Sequence[Result]) -> Iterator[str]:
     if all("failure" in r for r in results):
         return
-    figure, named = make_subplots(1, len(SYSTEMS), subplot_titles=SYSTEMS, shared_yaxes=True), set[str]()
-    for c, system in enumerate(SYSTEMS, 1):
-        for colour, preset in zip(COLOURS, (*ABLATIONS, *OPTIMISERS), strict=True):
+    systems, named = measured(results), set[str]()
+    figure = make_subplots(1, len(systems), subplot_titles=systems, shared_yaxes=True)
+    for c, system in enumerate(systems, 1):
+        for colour, preset in zip(cycle(COLOURS), TITLES, strict=False):
             found = [r for r in chosen(results, system, preset) if "curve" in r]
             if not found:
                 continue
@@ -124,7 +125,7 @@ def _amounts(results: Sequence[Result]) -> Iterator[str]:
     if all(r["sequences"] == WHOLE for r in results):
         return
     figure = go.Figure()
-    for colour, system in zip(COLOURS, SYSTEMS, strict=False):
+    for colour, system in zip(cycle(COLOURS), measured(results), strict=False):
         points = [
             (amount, [r["table"]["vpt_from_5"] for r in chosen(results, system, "default", amount) if "table" in r])
             for amount in (*AMOUNTS, WHOLE)
@@ -141,7 +142,10 @@ def _potentials(results: Sequence[Result]) -> Iterator[str]:
     sweeps = [
         (system, sweep) for system, found in with_measure(results, "potential") for sweep in found[0]["potential"]
     ]
-    titles = [f"{system}, {sweep['title']} (figure {sweep['figure']})" for system, sweep in sweeps]
+    titles = [
+        f"{system}, {sweep['title']}" + ("" if sweep["figure"] is None else f" (figure {sweep['figure']})")
+        for system, sweep in sweeps
+    ]
     figure = make_subplots((len(sweeps) + 1) // 2, 2, subplot_titles=titles)
     for i, (_, sweep) in enumerate(sweeps):
         at = {"row": i // 2 + 1, "col": i % 2 + 1}
@@ -174,7 +178,7 @@ def _memories(results: Sequence[Result]) -> Iterator[str]:
 def _swing_ups(out: Path, results: Sequence[Result]) -> Iterator[str]:
     pictures = [
         (f"{system}-default-{r['seed']}-swing-up", f"{system}: from hanging to where it stays; last, the target image")
-        for system in SYSTEMS
+        for system in measured(results)
         for r in chosen(results, system, "default")[:1]
     ]
     return _pictures("Swing-up (figure 5)", out, pictures)
@@ -184,8 +188,8 @@ def _strips(out: Path, results: Sequence[Result]) -> Iterator[str]:
     about = "every fourth frame; truth above, prediction below"
     pictures = [
         (f"{system}-{preset}-{r['seed']}", f"{system}, {TITLES[preset]}: {about}")
-        for system in SYSTEMS
-        for preset in (*ABLATIONS, *OPTIMISERS)
+        for system in measured(results)
+        for preset in TITLES
         for r in chosen(results, system, preset)[:1]
     ]
     return _pictures("Frames (figures 4, 13 to 15)", out, pictures)

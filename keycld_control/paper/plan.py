@@ -3,33 +3,24 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from keycld_control.benchmarks.weights import SYSTEMS
+from keycld_envs.systems import REFERENCE_SYSTEMS
 
-ABLATIONS = ("default", "nc", "node2", "fc")
-"""Of the paper's table 1."""
-OPTIMISERS = ("joint", "joint-sign")
+ABLATIONS = {"default": "KeyCLD", "nc": "KeyCLD-NC", "node2": "NODE2", "fc": "FC"}
+"""Presets of the paper's table 1, and their titles."""
+OPTIMISERS = {"joint": "the paper's loss, 6,000 steps", "joint-sign": "the same, sign descent"}
 """The paper's loss and optimiser, and with the optimiser that its code had."""
+TITLES = ABLATIONS | OPTIMISERS
+"""All presets of the report."""
 AMOUNTS = (25, 50, 100, 200)
 """Sequences to train with; 450 are the paper's."""
 WHOLE = 450
 PAPER_VPT: dict[str, dict[str, float]] = {
-    preset: dict(zip(SYSTEMS, scores, strict=True))
-    for preset, scores in {
-        "default": (0.38, 1.00, 1.00),
-        "nc": (0.20, 0.48, 0.50),
-        "node2": (0.12, 0.26, 0.44),
-        "fc": (0.00, 0.10, 0.00),
-    }.items()
+    "default": {"pendulum": 0.38, "cartpole": 1.00, "acrobot": 1.00},
+    "nc": {"pendulum": 0.20, "cartpole": 0.48, "acrobot": 0.50},
+    "node2": {"pendulum": 0.12, "cartpole": 0.26, "acrobot": 0.44},
+    "fc": {"pendulum": 0.00, "cartpole": 0.10, "acrobot": 0.00},
 }
 """The paper's table 1, by preset and system; fractions of 50 frames, from two frames."""
-TITLES = {
-    "default": "KeyCLD",
-    "nc": "KeyCLD-NC",
-    "node2": "NODE2",
-    "fc": "FC",
-    "joint": "the paper's loss, 6,000 steps",
-    "joint-sign": "the same, sign descent",
-}
 
 
 @dataclass(frozen=True, order=True)
@@ -65,7 +56,7 @@ class Training:
         return max(n for n in range(self.sequences, 2 * self.sequences) if n - n // 10 == self.sequences)
 
 
-def trainings(systems: Sequence[str] = SYSTEMS, seeds: int = 3) -> Iterator[Training]:
+def trainings(systems: Sequence[str] = REFERENCE_SYSTEMS, seeds: int = 3) -> Iterator[Training]:
     """All models, the most wanted first: one seed of each before the others."""
     for seed in range(seeds):
         for preset in ABLATIONS:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from keycld_control.benchmarks.weights import SYSTEMS
-from keycld_control.paper.plan import ABLATIONS, AMOUNTS, OPTIMISERS, PAPER_VPT, TITLES, WHOLE
+from keycld_control.paper.plan import AMOUNTS, PAPER_VPT, TITLES, WHOLE
 from keycld_control.paper.recordings import PARTS, VARIED
+from keycld_envs.systems import REFERENCE_SYSTEMS
 
 Result = Mapping[str, Any]
 CONFIDENCE = 0.95
@@ -42,12 +42,13 @@ class Table:
 def vpt(results: Sequence[Result]) -> Table:
     """Table 1 of the paper beside ours."""
     rows = []
-    for preset in (*ABLATIONS, *OPTIMISERS):
-        for system in SYSTEMS:
+    for preset in TITLES:
+        for system in REFERENCE_SYSTEMS:
             if not (found := chosen(results, system, preset)):
                 continue
             scores = [r["table"] for r in found if "table" in r]
-            paper = f"{PAPER_VPT[preset][system]:.2f}" if preset in PAPER_VPT else "–"
+            published = PAPER_VPT.get(preset, {}).get(system)
+            paper = "–" if published is None else f"{published:.2f}"
             cells = [interval([t[name] for t in scores]) for name in ("vpt_from_2", "vpt_from_5", "vpt_from_10")]
             index = interval([t["frame_index_from_2"] for t in scores], 1)
             count = f"{len(scores)} of {len(found)}"
@@ -96,16 +97,16 @@ def starts(results: Sequence[Result]) -> Table:
 
 def amounts(results: Sequence[Result]) -> Table:
     """VPT by number of training sequences."""
-    rows = []
+    rows, systems = [], measured(results)
     for amount in (*AMOUNTS, WHOLE):
         cells = []
-        for system in SYSTEMS:
+        for system in systems:
             found = [r["table"]["vpt_from_5"] for r in chosen(results, system, "default", amount) if "table" in r]
             cells.append(interval(found) if found else "–")
         if any(cell != "–" for cell in cells):
             rows.append((str(amount), *cells))
     note = "VPT from five frames; of fewer sequences, one seed."
-    return Table("Training sequences", note, ("sequences", *SYSTEMS), tuple(rows))
+    return Table("Training sequences", note, ("sequences", *systems), tuple(rows))
 
 
 def actions(results: Sequence[Result]) -> Table:
@@ -222,8 +223,10 @@ def potential(results: Sequence[Result]) -> Table:
             sweeps = [r["potential"][k] for r in found]
             r2 = [s["r2"] for s in sweeps if s["r2"] is not None]
             shape = f"R² {interval(r2, 4)}" if r2 else f"changes by {interval([s['change'] for s in sweeps], 3)}"
-            rows.append((system, f"{sweeps[0]['figure']}", sweeps[0]["title"], shape))
-        masses = [r["masses"] for r in found]
+            figure = sweeps[0]["figure"]
+            rows.append((system, "–" if figure is None else str(figure), sweeps[0]["title"], shape))
+        if not (masses := [r["masses"] for r in found if "masses" in r]):
+            continue
         if masses[0]["exact"] is not None:
             text = f"{interval([m['ratio'] for m in masses])}, exact {masses[0]['exact']:.3g}"
             rows.append((system, "–", "m1/m2", text))
@@ -284,9 +287,15 @@ def chosen(results: Iterable[Result], system: str, preset: str, sequences: int =
     return [r for r in results if (r["system"], r["preset"], r["sequences"]) == wanted]
 
 
+def measured(results: Iterable[Result]) -> tuple[str, ...]:
+    """Systems that have any figures."""
+    there = {r["system"] for r in results}
+    return tuple(system for system in REFERENCE_SYSTEMS if system in there)
+
+
 def with_measure(results: Sequence[Result], name: str) -> Iterator[tuple[str, list[Result]]]:
     """Every system with the seeds of the default that have a measure, if any."""
-    for system in SYSTEMS:
+    for system in REFERENCE_SYSTEMS:
         if found := [r for r in chosen(results, system, "default") if name in r]:
             yield system, found
 

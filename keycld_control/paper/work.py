@@ -22,7 +22,7 @@ from keycld_control.paper.plan import PAPER_VPT, WHOLE, Training
 from keycld_control.paper.recordings import PARTS, VARIED, recordings
 from keycld_control.paper.strips import write_strip, write_swing_up
 from keycld_control.plain_json import write_json
-from keycld_envs import resolve_env_id, system_of
+from keycld_envs import get_system, resolve_env_id, system_of
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Dataset
@@ -83,14 +83,15 @@ def one(work: Work, training: Training) -> None:
     write_strip(work.out / "strips" / f"{training.name}.png", model, test)
     result |= {"training_s": seconds, "table": table_row(model, test), "curve": curve(model, test)}
     if model.config.networks.motion == "constrained":
-        sweeps = potential(model, training.system)
-        masses = learned_masses(model, training.system, sweeps[0]["unit"])
-        result |= {"potential": sweeps, "masses": masses}
+        result["potential"] = potential(model, training.system)
+        if all(mark.mass_position is not None for mark in get_system(training.system).landmarks):
+            result["masses"] = learned_masses(model, training.system, result["potential"][0]["unit"])
     if training.is_default:
         result |= of_default(model, training.system, test, result["curve"]["errors"], load)
         result["swing_up"] = write_swing_up(work.out / "strips" / f"{training.name}-swing-up.png", model)
-        if seconds is not None and (log := work.out / "models" / training.name).is_dir():
-            wanted, step = PAPER_VPT["default"][training.system], reference_step(training.system, load("training"))
+        wanted, log = PAPER_VPT["default"].get(training.system), work.out / "models" / training.name
+        if seconds is not None and wanted is not None and log.is_dir():
+            step = reference_step(training.system, load("training"))
             result["speed"] = speed(log, model.meta or {}, wanted, step)
     write_json(work.result(training), result)
 

@@ -42,6 +42,7 @@ def _system(
     lower_mass: float,
     camera: str,
     action_limit: float | None,
+    weak_limit: float | None,
 ) -> System:
     xml, assets = read_suite("acrobot")
     return System(
@@ -61,6 +62,7 @@ def _system(
         hanging_qpos=(math.pi, 0.0),
         reward=swingup_reward,
         action_limit=action_limit,
+        weak_limit=weak_limit,
     )
 
 
@@ -71,6 +73,7 @@ ACROBOT = _system(
     lower_mass=0.71944,
     camera="fixed",
     action_limit=15.0,
+    weak_limit=3.0,  # the paper's
 )
 ACROBOT_STOCK = _system(
     "acrobot-stock",
@@ -79,4 +82,5 @@ ACROBOT_STOCK = _system(
     lower_mass=0.69061,
     camera="frontal",
     action_limit=None,
+    weak_limit=None,
 )

@@ -107,6 +107,8 @@ class System:
             `tolerance`, whatever the time spent there), 0 elsewhere.
         assets: file name -> content, of files that `mjcf` includes.
         action_limit: default symmetric control limit; None keeps the MJCF's control ranges.
+        weak_limit: a tighter symmetric control limit, too weak to lift the links directly, at which benchmarks swing
+            the system up as well; None if there is none.
         start: default start.
         tolerance: success criterion.
     """
@@ -124,6 +126,7 @@ class System:
     reward: Reward | None = None
     assets: Mapping[str, bytes] = field(default_factory=dict, repr=False, hash=False)
     action_limit: float | None = None
+    weak_limit: float | None = None
     start: Start = "random"
     tolerance: Tolerance = Tolerance()
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from keycld_control.benchmarks.blind.mechanism import Array
 from keycld_control.benchmarks.blind.plant import Controller
+from keycld_envs.systems import get_system
 
 Excitation = Literal["passive", "open_loop", "closed_loop"]
 EXCITATIONS: tuple[Excitation, ...] = ("passive", "open_loop", "closed_loop")
@@ -38,9 +39,12 @@ class Habits:
 
 
 HABITS = {
-    "pendulum": Habits((np.pi,), (2.2,), (0.9,), (2.0,), (0.6,), (1.4,)),
-    "cartpole": Habits((0.0, np.pi), (0.5, 2.0), (0.6, 0.35), (2.0, 0.5), (1.2, 0.12), (0.6, 1.0)),
-    "acrobot": Habits((np.pi, 0.0), (1.4, 1.6), (2.6, 1.6), (5.0, 3.0), (2.5, 0.7), (0.6, 1.0)),
+    name: Habits(get_system(name).hanging_qpos, *sizes)
+    for name, sizes in {
+        "pendulum": ((2.2,), (0.9,), (2.0,), (0.6,), (1.4,)),
+        "cartpole": ((0.5, 2.0), (0.6, 0.35), (2.0, 0.5), (1.2, 0.12), (0.6, 1.0)),
+        "acrobot": ((1.4, 1.6), (2.6, 1.6), (5.0, 3.0), (2.5, 0.7), (0.6, 1.0)),
+    }.items()
 }
 """By short name."""
 

@@ -122,7 +122,7 @@ class Trial:
             return frozenset()
         effect, system = self.answer["truth"][0]["effect"], self.answer["system"]
         classes = []
-        if system == "pendulum":  # one joint, one motor
+        if len(sites(system)) == 1:  # one joint, one motor
             classes = [
                 frozenset({"actuator_gain", "added_inertia", "clock_drift"}),
                 frozenset({"sensor_latency", "actuator_delay"}),

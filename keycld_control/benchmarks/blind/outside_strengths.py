@@ -4,8 +4,9 @@ import numpy as np
 
 from keycld_control.benchmarks.blind.mechanism import Mechanism
 from keycld_control.benchmarks.blind.mechanisms import outside
-from keycld_control.benchmarks.blind.sites import Site
+from keycld_control.benchmarks.blind.sites import Site, sites
 from keycld_control.benchmarks.blind.strengths import Draw, log_uniform, sign
+from keycld_envs.systems import get_system
 
 
 def _magnet(s: Site, rng: np.random.Generator, driven: bool) -> Mechanism:
@@ -55,8 +56,7 @@ def _gyroscope(s: Site, rng: np.random.Generator, driven: bool) -> Mechanism:
 
 def _cable(s: Site, rng: np.random.Generator, driven: bool) -> Mechanism:
     ratio = sign(rng) * float(rng.uniform(0.6, 1.5))
-    first = float(np.pi) if s.system == "acrobot" else 0.0
-    second = 0.0 if s.system == "acrobot" else float(np.pi)
+    first, second = get_system(s.system).hanging_qpos
     length = first + ratio * second + float(rng.uniform(0.1, 0.5))
     return outside.Cable(s.joint, -1, s.torque * log_uniform(rng, 1, 12), ratio, length)
 
@@ -78,7 +78,7 @@ OUTSIDE: dict[str, Draw] = {
 def possible(kind: str, site: Site, driven: bool) -> bool:
     """Whether it can be there and shows."""
     if kind in ("cross_coupling", "gyroscope", "cable"):  # the last two act on both joints: the lighter one's sizes
-        return site.system != "pendulum" and (kind == "cross_coupling" or site.joint == 1)
+        return len(sites(site.system)) == 2 and (kind == "cross_coupling" or site.joint == 1)
     if kind in ("wind", "slosh"):
         return not site.slide
     return driven or kind != "efficiency"

@@ -8,15 +8,13 @@ from numpy.typing import NDArray
 
 from keycld_control.paper.measures.angles import WRONG, angle_table, decode, hinge_errors
 from keycld_control.paper.measures.frames import beginning
-from keycld_control.paper.measures.plant import energy
+from keycld_control.paper.measures.plant import energy, rod_lengths
 from keycld_envs import get_system
 from keycld_envs.recordings import Dataset
 from keycld_model import WorldModel
 from keycld_model.evaluation import frame_errors, threshold, valid_frames
 from keycld_model.world_model import CONTEXT_FRAMES
 
-LENGTHS = {"pendulum": 0.5, "cartpole": 0.71394, "acrobot": 1.0}
-"""m: of the links whose swing is the natural time T = sqrt(L/g)."""
 NATURAL = (10, 50)
 FRAMES = (500, 1000)
 INFORMED = 20
@@ -25,8 +23,9 @@ GRAVITY = 9.81
 
 
 def natural_frames(system: str, times: float) -> int:
-    """Frames in so many natural times."""
-    return round(times * float(np.sqrt(LENGTHS[system] / GRAVITY)) / get_system(system).timestep)
+    """Frames in so many natural times sqrt(L/g), where L is the length of the longest rod between point masses."""
+    what = get_system(system)
+    return round(times * float(np.sqrt(rod_lengths(what).max() / GRAVITY)) / what.timestep)
 
 
 def horizon(system: str) -> int:

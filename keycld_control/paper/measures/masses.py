@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_control.paper.measures.plant import mass_points, rod_lengths, rods
 from keycld_envs import get_system
 from keycld_envs.projection import world_to_image
 from keycld_envs.systems.base import System
@@ -29,13 +30,13 @@ def learned_masses(model: WorldModel, system: str, unit: float) -> dict[str, Any
     what = get_system(system)
     exact = equivalent_masses(what)
     lengths, scale = _geometry(what, model.image_shape)
-    rods = np.sqrt(2 * model.level[: len(lengths)])
+    learned = np.sqrt(2 * model.level[: len(lengths)])
     out: dict[str, Any] = {"ratio": None, "exact": None, "error": None}
     if len(exact) > 1:
         ratio, true = float(model.masses[0] / model.masses[1]), exact[0] / exact[1]
         out = {"ratio": ratio, "exact": true, "error": abs(ratio / true - 1)}
     kinetic = sum(exact) / scale**2  # joules per learned unit of kinetic energy: learned masses sum to one
-    return out | {"lengths": (rods / (scale * lengths)).tolist(), "potential": kinetic / unit}
+    return out | {"lengths": (learned / (scale * lengths)).tolist(), "potential": kinetic / unit}
 
 
 def _geometry(system: System, image_shape: tuple[int, int]) -> tuple[NDArray[np.floating], float]:
@@ -43,20 +44,9 @@ def _geometry(system: System, image_shape: tuple[int, int]) -> tuple[NDArray[np.
     model = system.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    points = _mass_points(system, data)
-    rods = [(data.xanchor[0] if r.start is None else points[r.start], points[r.end]) for r in system.mechanism.rods]
-    lengths = np.array([np.linalg.norm(end - start) for start, end in rods])
-    start, end = world_to_image(model, data, rods[-1], system.camera, *reversed(image_shape))
+    lengths = rod_lengths(system)
+    start, end = world_to_image(model, data, rods(system, data)[-1], system.camera, *reversed(image_shape))
     return lengths, float(np.linalg.norm(end - start) / lengths[-1])
-
-
-def _mass_points(system: System, data: mujoco.MjData) -> list[NDArray[np.float64]]:
-    """World positions, m, of the masses that stand for the bodies."""
-    bodies = [data.body(mark.body) for mark in system.landmarks]
-    return [
-        body.xpos + body.xmat.reshape(3, 3) @ np.asarray(mark.mass_position)
-        for body, mark in zip(bodies, system.landmarks, strict=True)
-    ]
 
 
 def equivalent_masses(system: System) -> list[float]:
@@ -72,7 +62,7 @@ def equivalent_masses(system: System) -> list[float]:
         inertia, jacobian = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
         mujoco.mj_fullM(model, data, inertia)
         own = []
-        for mark, point in zip(system.landmarks, _mass_points(system, data), strict=True):
+        for mark, point in zip(system.landmarks, mass_points(system, data), strict=True):
             mujoco.mj_jac(model, data, jacobian, None, point, model.body(mark.body).id)
             own.append((jacobian.T @ jacobian).ravel())
         rows.append(np.stack(own, axis=1))

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs import get_system
+from keycld_envs import System, get_system
 
 
 def simulator(system: str, finer: int = 1) -> tuple[mujoco.MjModel, int]:
@@ -29,3 +29,24 @@ def energy(
     mujoco.mj_energyPos(plant, data)
     mujoco.mj_energyVel(plant, data)
     return float(data.energy[1]), float(data.energy[0])
+
+
+def rod_lengths(system: System) -> NDArray[np.float64]:
+    """Lengths `[R]` of the rods between the point masses that stand for the bodies, m."""
+    plant = system.compile()
+    data = mujoco.MjData(plant)
+    mujoco.mj_forward(plant, data)
+    return np.array([float(np.linalg.norm(end - start)) for start, end in rods(system, data)])
+
+
+def rods(system: System, data: mujoco.MjData) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """World positions, m, of both ends of every rod."""
+    points = mass_points(system, data)
+    return [(data.xanchor[0] if r.start is None else points[r.start], points[r.end]) for r in system.mechanism.rods]
+
+
+def mass_points(system: System, data: mujoco.MjData) -> list[NDArray[np.float64]]:
+    """World positions, m, of the masses that stand for the bodies: `mass_position`, or else the landmark's own."""
+    bodies = [data.body(mark.body) for mark in system.landmarks]
+    local = [mark.position if mark.mass_position is None else mark.mass_position for mark in system.landmarks]
+    return [b.xpos + b.xmat.reshape(3, 3) @ np.asarray(at) for b, at in zip(bodies, local, strict=True)]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_control.paper.measures.plant import energy
-from keycld_envs import KeyCLDEnv
+from keycld_envs import KeyCLDEnv, System, get_system
 from keycld_model import WorldModel
 
 POINTS = 73
@@ -17,41 +17,39 @@ POINTS = 73
 
 @dataclass(frozen=True)
 class Sweep:
-    """One joint through a range, the others at rest.
+    """One joint through the range of its random starts, the others where they hang.
 
     Attributes:
-        figure: of the paper.
+        figure: of the paper, None if it has none.
         title: what moves.
         joint: index.
-        range: first and last position, rad or m.
-        rest: positions of all joints.
+        poses: `[P, nq]` positions of all joints, rad or m.
     """
 
-    figure: int
+    figure: int | None
     title: str
     joint: int
-    range: tuple[float, float]
-    rest: tuple[float, ...]
-
-    def poses(self) -> NDArray[np.float64]:
-        """`[P, nq]`."""
-        poses = np.tile(self.rest, (POINTS, 1))
-        poses[:, self.joint] += np.linspace(*self.range, POINTS)
-        return poses
+    poses: NDArray[np.float64]
 
 
-TURN = (-np.pi, np.pi)
-SWEEPS: dict[str, tuple[Sweep, ...]] = {
-    "pendulum": (Sweep(8, "pole turns", 0, TURN, (0.0,)),),
-    "cartpole": (
-        Sweep(9, "pole turns, cart at rest", 1, TURN, (0.0, 0.0)),
-        Sweep(10, "cart moves, pole hangs", 0, (-1.0, 1.0), (0.0, np.pi)),
-    ),
-    "acrobot": (
-        Sweep(11, "both links turn as one", 0, TURN, (0.0, 0.0)),
-        Sweep(12, "second link turns, the first hangs", 1, TURN, (np.pi, 0.0)),
-    ),
+FIGURES: dict[str, dict[str, tuple[int, str]]] = {
+    "pendulum": {"hinge": (8, "pole turns")},
+    "cartpole": {"hinge_1": (9, "pole turns, cart at rest"), "slider": (10, "cart moves, pole hangs")},
+    "acrobot": {"shoulder": (11, "both links turn as one"), "elbow": (12, "second link turns, the first hangs")},
 }
+"""The paper's, by system and joint, in the order of its figures, and what moves there."""
+
+
+def sweeps_of(system: System) -> list[Sweep]:
+    """One per joint, the paper's figures in their order, then others."""
+    figures, names = FIGURES.get(system.name, {}), [joint.name for joint in system.joints]
+    out = []
+    for name in (*figures, *(n for n in names if n not in figures)):
+        j = names.index(name)
+        poses = np.tile(system.hanging_qpos, (POINTS, 1))
+        poses[:, j] = np.linspace(*system.joints[j].start_range, POINTS)
+        out.append(Sweep(*figures.get(name, (None, f"{name} moves")), j, poses))
+    return out
 
 
 def potential(model: WorldModel, system: str) -> list[dict[str, Any]]:
@@ -60,13 +58,12 @@ def potential(model: WorldModel, system: str) -> list[dict[str, Any]]:
     R² of the sweep of the cart says nothing, for the true potential is constant there; in its place stands how much V
     changes, relative to its range in the other sweep. "unit" is the scale, joules per learned unit of V.
     """
-    sweeps, true, learned = SWEEPS[system], [], []
+    sweeps, true, learned = sweeps_of(get_system(system)), [], []
     with closing(KeyCLDEnv(system)) as env:
         data = mujoco.MjData(env.model)
         for sweep in sweeps:
-            poses = sweep.poses()
-            learned.append(model.potential_energy(model.keypoints(np.stack([env.render_qpos(q) for q in poses]))))
-            true.append(np.array([energy(env.model, data, q)[1] for q in poses]))
+            learned.append(model.potential_energy(model.keypoints(np.stack([env.render_qpos(q) for q in sweep.poses]))))
+            true.append(np.array([energy(env.model, data, q)[1] for q in sweep.poses]))
     scale = _scale(learned, true)
     widest = max(np.ptp(t) for t in true)
     out = []
@@ -77,7 +74,7 @@ def potential(model: WorldModel, system: str) -> list[dict[str, Any]]:
             {
                 "figure": sweep.figure,
                 "title": sweep.title,
-                "position": sweep.poses()[:, sweep.joint].tolist(),
+                "position": sweep.poses[:, sweep.joint].tolist(),
                 "learned": scaled.tolist(),
                 "true": t.tolist(),
                 "r2": None if flat else 1 - float(np.sum((scaled - t) ** 2) / np.sum((t - t.mean()) ** 2)),
