@@ -12,11 +12,11 @@ import pytest
 from keycld_control.benchmarks import models, swingup
 from keycld_control.benchmarks.envs import speed_figures
 from keycld_control.benchmarks.figure import Figure
-from keycld_control.benchmarks.weights import SYSTEMS, Weights
+from keycld_control.benchmarks.weights import Weights
 from keycld_control.cli import bench, main
 from keycld_control.closed_loop import LoopSettings
 from keycld_control.swingup import SwingUpResult
-from keycld_envs import InputError
+from keycld_envs import REFERENCE_SYSTEMS, InputError
 from keycld_envs.collect import CollectSettings, collect
 from keycld_envs.recordings import Dataset, read_dataset
 from keycld_model.evaluation import Evaluation
@@ -77,7 +77,7 @@ def test_missing_weights_are_refused_before_anything_is_measured(
     assert captured.out == ""
     monkeypatch.setattr("keycld_model.world_model.shipped_models", dict)
     assert main(["bench", "--only", "act"]) == 2
-    assert "no weights for pendulum, cartpole, acrobot in this installation" in capsys.readouterr().err
+    assert f"no weights for {', '.join(REFERENCE_SYSTEMS)} in this installation" in capsys.readouterr().err
 
 
 def test_damaged_weights_are_refused(tmp_path: Path) -> None:
@@ -210,6 +210,20 @@ def test_speed_without_dm_control(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "Python 3.11 or 3.12" in figures[0].details["reason"]
 
 
+def test_speed_of_a_system_that_dm_control_lacks() -> None:
+    pytest.importorskip("dm_control")
+    figures = list(speed_figures(("acrobot-stock",), repeats=1, steps=1))
+    assert [f.reached for f in figures] == [None, None]
+    assert "acrobot-stock" in figures[0].details["reason"]
+
+
+@pytest.mark.parametrize("command", [["bench"], ["paper", "--out", "nowhere"]])
+def test_systems_that_are_not_there_are_refused(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*command, "--system", "acrobat"]) == 2
+    error = capsys.readouterr().err
+    assert "'acrobat'" in error and all(name in error for name in REFERENCE_SYSTEMS)
+
+
 def test_every_series_of_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[LoopSettings] = []
 
@@ -219,9 +233,10 @@ def test_every_series_of_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
         return SwingUpResult(settings.system, start, episodes, episodes - 1, (0.9, 1.0), 1.0, 900.0, 1000.0, 7, "")
 
     monkeypatch.setattr(swingup, "swing_up", swing_up)
-    figures = list(swingup.swing_up_success(Weights(folder=Path("runs")), episodes=50, seed=7))
+    three = ("pendulum", "cartpole", "acrobot")
+    figures = list(swingup.swing_up_success(Weights(three, Path("runs")), episodes=50, seed=7))
     assert [(f.system, f.measure.split()[1]) for f in figures] == [
-        *((system, start) for system in SYSTEMS for start in ("random", "hanging")),
+        *((system, start) for system in three for start in ("random", "hanging")),
         *(("acrobot ±3", start) for start in ("random", "hanging")),
     ]
     assert [f.met for f in figures] == [False] * 6 + [True] * 2

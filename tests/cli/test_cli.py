@@ -16,6 +16,8 @@ import keycld_envs
 import keycld_model
 from keycld_control.cli import command_names, main
 from keycld_control.cli.doctor import examine
+from keycld_envs import SYSTEMS
+from keycld_model.world_model import shipped_models
 
 COLLECT = ["--steps", "3", "--width", "16", "--height", "16"]
 
@@ -136,6 +138,17 @@ def test_other_pipes_that_break_are_not_hidden(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr("keycld_control.cli.doctor.run", fail)
     with pytest.raises(BrokenPipeError):
         main(["doctor"])
+
+
+def test_systems_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["systems", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found) == list(SYSTEMS)
+    assert found["acrobot"]["range"] == [-15, 15] and found["cartpole-stock"]["motors"] == ["slide"]
+    assert [name for name, row in found.items() if row["weights"]] == [s for s in SYSTEMS if s in shipped_models()]
+    assert main(["systems"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in SYSTEMS) and "KeyCLD/CartpoleStock-v0" in out
 
 
 @pytest.mark.render

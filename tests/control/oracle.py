@@ -17,7 +17,6 @@ from jax import Array
 from keycld_envs import KeyCLDEnv, get_system
 from keycld_envs.mechanism import Mechanism
 
-SYSTEMS = ("pendulum", "cartpole", "acrobot")
 SHAPE = (8, 8)
 RANGE = 1.25
 GRAVITY = 9.81
@@ -187,3 +186,5 @@ def _acrobot_inputs(x: Array, unit: float) -> Array:
 
 _BODIES = {"pendulum": _pendulum, "cartpole": _cartpole, "acrobot": _acrobot}
 _INPUTS = {"pendulum": lambda x, unit: _torque(x)[:, None], "cartpole": _cartpole_inputs, "acrobot": _acrobot_inputs}
+SYSTEMS = tuple(_BODIES)
+"""Those whose point masses are known here in closed form."""

@@ -6,10 +6,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from oracle import body_of, point_masses
+from oracle import SYSTEMS, body_of, point_masses
 from plotly.offline import get_plotlyjs
 
 from keycld_control.cli import main
+from keycld_control.paper import tables
 from keycld_control.paper import work as working
 from keycld_control.paper.aims import aims
 from keycld_control.paper.measures.ceiling import ceiling
@@ -17,7 +18,7 @@ from keycld_control.paper.measures.long import _energy_changes, horizon, natural
 from keycld_control.paper.measures.lyapunov import exponent
 from keycld_control.paper.measures.masses import equivalent_masses, learned_masses
 from keycld_control.paper.measures.memory import distances
-from keycld_control.paper.measures.potential import potential
+from keycld_control.paper.measures.potential import potential, sweeps_of
 from keycld_control.paper.measures.speed import speed
 from keycld_control.paper.page import write_report
 from keycld_control.paper.plan import AMOUNTS, Training, trainings
@@ -25,17 +26,16 @@ from keycld_control.paper.recordings import PARTS
 from keycld_control.paper.tables import Table, amounts, integrators, interval, vpt
 from keycld_control.paper.work import Work, results, work_off
 from keycld_control.plain_json import write_json
-from keycld_envs import get_system
+from keycld_envs import REFERENCE_SYSTEMS, get_system
+from keycld_envs import SYSTEMS as REGISTERED
 from keycld_envs.recordings.dataset import Sequences
 from keycld_model import WorldModel
 from keycld_model.evaluation.joint_coordinates import joint_positions
 
-SYSTEMS = ("pendulum", "cartpole", "acrobot")
-
 
 def test_every_training_is_planned_once_and_first_seeds_come_first():
     planned = list(trainings())
-    assert len(set(planned)) == len(planned) == 3 * (3 * 4 + 2 + len(AMOUNTS))
+    assert len(set(planned)) == len(planned) == len(REFERENCE_SYSTEMS) * (3 * 4 + 2 + len(AMOUNTS))
     assert [t.seed for t in planned] == sorted(t.seed for t in planned)
     assert len({t.name for t in planned}) == len(planned)
 
@@ -142,6 +142,34 @@ def test_natural_times():
     assert horizon("acrobot") == 1597 and horizon("pendulum") == 1001
 
 
+def test_the_papers_sweeps():
+    """Figures 8 to 12: what moves, and where the others rest."""
+    found = [(s.figure, s.joint, s.poses) for name in SYSTEMS for s in sweeps_of(get_system(name))]
+    assert [(figure, joint) for figure, joint, _ in found] == [(8, 0), (9, 1), (10, 0), (11, 0), (12, 1)]
+    rest = [(0.0,), (0.0, 0.0), (0.0, np.pi), (0.0, 0.0), (np.pi, 0.0)]
+    for (figure, joint, poses), others in zip(found, rest, strict=True):
+        expected = np.tile(others, (73, 1))
+        expected[:, joint] += np.linspace(*((-1, 1) if figure == 10 else (-np.pi, np.pi)), 73)
+        np.testing.assert_array_equal(poses, expected)
+
+
+@pytest.mark.parametrize("name", REGISTERED)
+def test_every_system_has_sweeps_and_natural_times(name):
+    system = get_system(name)
+    sweeps = sweeps_of(system)
+    assert sorted(sweep.joint for sweep in sweeps) == list(range(len(system.joints)))
+    assert all(np.ptp(sweep.poses, axis=0)[sweep.joint] > 0 for sweep in sweeps)
+    assert horizon(name) > natural_frames(name, 10) > 0
+
+
+def test_systems_without_published_figures_show_no_aim(monkeypatch):
+    monkeypatch.setattr(tables, "REFERENCE_SYSTEMS", ("acrobot-stock",))
+    found = [made_up("acrobot-stock", "default", 0, 0.9), made_up("acrobot-stock", "default", 0, 0.8, 50)]
+    assert vpt(found).rows[0][1:4] == ("acrobot-stock", "–", "0.450")
+    rows = {row[0]: row[1:] for row in aims(found).rows}
+    assert rows["VPT of 50 sequences, from 2 frames"] == ("the paper's of 450", "0.400")
+
+
 def made_up(system, preset, seed, vpt, sequences=450):
     """Figures of a model as `one` writes them."""
     curve = {
@@ -185,14 +213,14 @@ def test_tables_tell_the_paper_and_the_mean_over_seeds(report):
     ours = "0.950 ± 0.124"
     assert rows[0] == ("KeyCLD", "pendulum", "0.38", "0.475 ± 0.062", ours, ours, "46.6 ± 6.1", "3 of 3")
     assert rows[1][:5] == ("KeyCLD-NC", "pendulum", "0.20", "0.200", "0.400") and rows[1][-1] == "1 of 2"
-    assert amounts(found).rows == (("50", "0.700", "–", "–"), ("450", "0.950 ± 0.124", "–", "–"))
+    assert amounts(found).rows == (("50", "0.700"), ("450", "0.950 ± 0.124"))
     assert interval([0.5]) == "0.500"
 
 
 def test_aims_stand_beside_what_was_reached(report):
     rows = {row[0]: row[1:] for row in aims(results(report)).rows}
-    assert rows["VPT from 5 frames"] == ("0.98", "0.950 ± 0.124", "–", "–")
-    assert rows["VPT of 50 sequences, from 2 frames"] == ("the paper's of 450", "0.350 (0.38)", "–", "–")
+    assert rows["VPT from 5 frames"] == ("0.98", "0.950 ± 0.124")
+    assert rows["VPT of 50 sequences, from 2 frames"] == ("the paper's of 450", "0.350 (0.38)")
     assert rows["R² of V, worst sweep and seed"][1] == "0.9900"
 
 
@@ -202,7 +230,7 @@ def test_models_stand_in_the_order_that_was_found():
     found.append(failed("pendulum", "fc", 0))
     wanted, *cells = next(row[1:] for row in aims(found).rows if "models" in row[0])
     assert wanted == "KeyCLD > KeyCLD-NC > NODE2 > FC"
-    assert cells == ["KeyCLD > NODE2 > KeyCLD-NC > FC", "–", "–"]
+    assert cells == ["KeyCLD > NODE2 > KeyCLD-NC > FC"]
 
 
 def test_what_diverged_is_infinite():

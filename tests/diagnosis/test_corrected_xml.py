@@ -24,6 +24,7 @@ from keycld_envs.effects import (
 )
 from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.errors import InputError
+from keycld_envs.systems import REFERENCE_SYSTEMS
 from keycld_model.diagnosis.inputs.source import Source
 from keycld_model.diagnosis.output.mjcf import write_corrected
 from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
@@ -82,7 +83,7 @@ def commands(model: mujoco.MjModel, steps: int = 200) -> np.ndarray:
     return np.repeat(np.random.default_rng(1).uniform(-1, 1, (steps // 10, model.nu)), 10, axis=0)
 
 
-@pytest.mark.parametrize("system", ["pendulum", "cartpole", "acrobot", "arm"])
+@pytest.mark.parametrize("system", [*REFERENCE_SYSTEMS, "arm"])
 def test_the_file_moves_like_the_fitted_model(system, tmp_path):
     simulator = source(system, tmp_path)
     joint, tilt = simulator.model.joint(simulator.model.njnt - 1).name, GravityTilt(alpha=0.03)

@@ -13,7 +13,7 @@ from keycld_envs import KeyCLDEnv
 from keycld_envs.effects import ActuatorDelay, ViscousFriction
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import write_recording
-from keycld_envs.systems import get_system
+from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
 from keycld_model.diagnosis import Source, diagnose
 from keycld_model.diagnosis.diagnose import coarseness
 from keycld_model.diagnosis.estimation.fit import Fit, Problem
@@ -40,7 +40,7 @@ MISSING = {
 }
 
 
-@pytest.mark.parametrize("system", ["pendulum", "cartpole", "acrobot"])
+@pytest.mark.parametrize("system", REFERENCE_SYSTEMS)
 def test_no_alarm_where_only_masses_and_encoder_zeros_are_off(system):
     report = diagnose(recordings(system, seed=1), get_system(system).compile())
     assert (report.verdict, report.findings, report.exit_code) == ("no_mismatch", [], 0)

@@ -11,7 +11,7 @@ from plants import recordings
 from keycld_envs.effects import EFFECTS, Effect
 from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.effects.base import add_friction
-from keycld_envs.systems import get_system
+from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
 from keycld_model.rigid_body.effects import Pushing
@@ -95,7 +95,7 @@ def swing(model: mujoco.MjModel) -> None:
 
 
 @pytest.mark.parametrize("integrator", ["mjINT_EULER", "mjINT_RK4", "mjINT_IMPLICITFAST"])
-@pytest.mark.parametrize("name", ["pendulum", "cartpole", "acrobot", "skew", "passive", "loops"])
+@pytest.mark.parametrize("name", [*REFERENCE_SYSTEMS, "skew", "passive", "loops"])
 def test_every_step_is_that_of_mujoco(name, integrator):
     base, rng = model_of(name), np.random.default_rng(0)
     base.opt.integrator = getattr(mujoco.mjtIntegrator, integrator)
@@ -129,7 +129,7 @@ def test_every_step_is_that_of_mujoco(name, integrator):
     assert np.max(np.abs(path[~free] - true[~free])) < 1e-6
 
 
-@pytest.mark.parametrize("name", ["pendulum", "cartpole", "acrobot", "skew"])
+@pytest.mark.parametrize("name", [*REFERENCE_SYSTEMS, "skew"])
 def test_friction_that_stops_is_that_of_a_hundred_steps_with_a_stiff_constraint(name):
     """In steps of a hundredth of the time MuJoCo's constraint can be so stiff that it hardly creeps."""
     rng, step, fine, number, steps = np.random.default_rng(0), 0.005, 100, 8, 80

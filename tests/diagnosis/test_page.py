@@ -15,7 +15,7 @@ from plants import recordings
 
 from keycld_envs.effects import EFFECTS, ActuatorDeadZone, GravityTilt, StribeckFriction
 from keycld_envs.errors import InputError
-from keycld_envs.systems import get_system
+from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
 from keycld_model.diagnosis import Report, diagnose, write_page
 from keycld_model.diagnosis.output.page.drawing import draw
 from keycld_model.diagnosis.output.page.geometry import skeleton
@@ -188,7 +188,7 @@ def test_sixty_long_recordings_stay_below_the_limit(report):
     assert len(embedded(page, "data")["rollouts"]) == 60
 
 
-@pytest.mark.parametrize("system", ["pendulum", "cartpole", "acrobot"])
+@pytest.mark.parametrize("system", REFERENCE_SYSTEMS)
 def test_the_drawing_shows_all_joints_and_marks_places(system):
     model = get_system(system).compile()
     joints = [model.joint(j).name for j in range(model.njnt)]

@@ -7,7 +7,7 @@ import pytest
 
 os.environ.setdefault("MUJOCO_GL", "egl")  # dm_control, which the tests compare with, would pick GLFW first
 
-from keycld_envs import SYSTEMS, Joint, Landmark, Mechanism, Slider, System
+from keycld_envs import REFERENCE_SYSTEMS, SYSTEMS, Joint, Landmark, Mechanism, Slider, System
 
 MJCF = """
 <mujoco>
@@ -35,7 +35,7 @@ SLIDER = System(
     target_qpos=(0.0,),
     hanging_qpos=(0.3,),
 )
-PAPER_SYSTEMS = ("pendulum", "cartpole", "acrobot")
+DOMAINS = [name for name in REFERENCE_SYSTEMS if f"{name}-stock" in SYSTEMS]
 
 
 @pytest.fixture(params=sorted(SYSTEMS))
@@ -44,7 +44,7 @@ def name(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@pytest.fixture(params=PAPER_SYSTEMS)
+@pytest.fixture(params=DOMAINS)
 def domain(request: pytest.FixtureRequest) -> str:
     """Every dm_control domain."""
     return request.param

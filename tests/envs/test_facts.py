@@ -4,10 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from keycld_envs import get_system
+from keycld_envs import KeyCLDEnv, get_system
 
 EULER, RK4 = mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4
 SELF, DECORATION, EFFECTOR = (0.7, 0.5, 0.3, 1), (0.3, 0.5, 0.7, 1), (0.7, 0.4, 0.2, 1)
+
+
+LIMITS = {"pendulum": 3, "cartpole": 3, "acrobot": 15, "pendulum-stock": 1, "cartpole-stock": 1, "acrobot-stock": 1}
 
 
 def compiled(name: str) -> mujoco.MjModel:
@@ -79,6 +82,11 @@ def test_motors(name: str, motors: list[tuple[str, str, float, float]]) -> None:
         for i in range(model.nu)
     ]
     assert found == [(name, joint, gear, [-limit, limit], True) for name, joint, gear, limit in motors]
+
+
+def test_default_action_limits() -> None:
+    found = {name: float(KeyCLDEnv(name, obs_type="state").action_space.high[0]) for name in LIMITS}
+    assert found == LIMITS and get_system("acrobot").weak_limit == 3
 
 
 @pytest.mark.parametrize(

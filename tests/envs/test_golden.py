@@ -21,6 +21,7 @@ def draw(name: str, quality: Quality) -> np.ndarray:
 
 @pytest.mark.render
 @pytest.mark.parametrize("quality", ["fast", "full"])
+@pytest.mark.parametrize("name", sorted({key.rpartition("_")[0] for key in np.load(GOLDEN).files}))
 def test_golden_images(name: str, quality: Quality) -> None:
     with np.load(GOLDEN) as golden:
         difference = np.abs(golden[f"{name}_{quality}"].astype(int) - draw(name, quality)).max(-1)

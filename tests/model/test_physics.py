@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from keycld_envs import get_system
+from keycld_envs import REFERENCE_SYSTEMS, get_system
 from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_envs.projection import world_to_image
 from keycld_model import physics
@@ -22,9 +22,7 @@ TRIANGLE = Mechanism(3, 1, rods=(Rod(None, 0), Rod(0, 1), Rod(1, 2), Rod(0, 2)))
 SLIDER_CRANK = Mechanism(2, 1, rods=(Rod(None, 0), Rod(0, 1)), sliders=(Slider(1),))
 SCOTCH = Mechanism(2, 1, rods=(Rod(0, 1),), sliders=(Slider(0, (0.6, 0.8)), Slider(1, (1.0, 0.0))), pivot=(0.1, -0.2))
 MECHANISMS = {
-    "pendulum": PENDULUM,
-    "cartpole": CARTPOLE,
-    "acrobot": ACROBOT,
+    **{name: get_system(name).mechanism for name in REFERENCE_SYSTEMS},
     "free": FREE,
     "triangle on a rod (closed loop)": TRIANGLE,
     "slider-crank (closed loop)": SLIDER_CRANK,
@@ -130,6 +128,10 @@ def test_coinciding_keypoints_give_finite_values_and_gradients():
 # MuJoCo ---------------------------------------------------------------------------------------------------------------
 
 
+RATIOS = {"cartpole": 14.7, "acrobot": 0.957}
+"""Of the first mass to the second."""
+
+
 class Body:
     """A system in MuJoCo, with point masses at the landmarks' mass positions."""
 
@@ -175,13 +177,13 @@ class Body:
         return masses, np.abs(a @ masses - b).max() / np.abs(b).max()
 
 
-@pytest.mark.parametrize(("name", "ratio"), [("pendulum", None), ("cartpole", 14.7), ("acrobot", 0.957)])
-def test_point_masses_move_as_mujocos_bodies_do(name, ratio):
+@pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
+def test_point_masses_move_as_mujocos_bodies_do(name):
     body = Body(name)
     masses, error = body.masses()
     assert error < 1e-4
-    if ratio is not None:
-        assert masses[0] / masses[1] == pytest.approx(ratio, rel=2e-3)
+    if name in RATIOS:
+        assert masses[0] / masses[1] == pytest.approx(RATIOS[name], rel=2e-3)
     rng = np.random.default_rng(3)
     for _ in range(10):
         qpos, qvel = rng.uniform(-3, 3, body.model.nq), rng.normal(0, 4, body.model.nv)
