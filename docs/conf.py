@@ -9,6 +9,8 @@ from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
+from keycld_control.cli.systems import rows
+
 project = "KeyCLD"
 author = "The KeyCLD developers"
 copyright = author
@@ -44,6 +46,23 @@ class MarkdownDocstring(SphinxDirective):
         return container.children
 
 
+class Systems(SphinxDirective):
+    """`{systems}`: the systems that come with the library, as `keycld systems` lists them."""
+
+    def run(self) -> list[nodes.Node]:
+        """A Markdown table of all of them."""
+        lines = ["| environment | motors | gear | default range | control step |", "|---|---|---|---|---|"]
+        for row in rows():
+            motors, gears = ", ".join(row["motors"]), ", ".join(f"{gear:g}" for gear in row["gear"])
+            low, high = row["range"]
+            step = f"{row['control_step_s']:g} s"
+            lines.append(f"| `{row['environment']}` | {motors} | {gears} | {low:g} to {high:g} | {step} |")
+        container = nodes.section()
+        self.state.nested_parse(StringList(lines, "systems"), 0, container)
+        return container.children
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     app.add_directive("markdown-docstring", MarkdownDocstring)
+    app.add_directive("systems", Systems)

@@ -26,27 +26,18 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
     """Swing-up of a planar mechanism, seen through a fixed camera.
 
     ## Description
-    Pendulum, cartpole, and acrobot of dm_control's suite, in two variants, or a mechanism of your own.
+    Systems that come with the library (`keycld systems` lists them), or a mechanism of your own.
 
-    - `KeyCLD/Pendulum-v0`, `KeyCLD/Cartpole-v0`, `KeyCLD/Acrobot-v0` are the systems of the KeyCLD paper: a motor on
-      every joint, no friction, thicker links, a camera at right angles to the plane of motion. The same go by
-      `KeyCLD/PendulumFullyActuated-v0` and so on.
-    - `KeyCLD/PendulumStock-v0`, `KeyCLD/CartpoleStock-v0`, `KeyCLD/AcrobotStock-v0` keep dm_control's motors, limits,
-      damping, and geometry, and step bit for bit like dm_control.
+    - `KeyCLD/Pendulum-v0`, `KeyCLD/Cartpole-v0`, `KeyCLD/Acrobot-v0` are the systems of the KeyCLD paper, from
+      dm_control's suite: a motor on every joint, no friction, thicker links, a camera at right angles to the plane of
+      motion. The same go by `KeyCLD/PendulumFullyActuated-v0` and so on.
+    - `KeyCLD/PendulumStock-v0` and so on keep dm_control's motors, limits, damping, and geometry, and step bit for bit
+      like dm_control.
     - Your own: declare a `keycld_envs.System` and pass it as `system`, or give it an id with `keycld_envs.register`.
 
     ## Action Space
     `Box(low, high, (m,), float32)`: the control of each motor, clipped to the box; torque or force is control times
-    gear. Actions are held for one control step.
-
-    | environment | motors | gear | default range | control step |
-    |---|---|---|---|---|
-    | Pendulum | torque | 2 | -3 to 3 | 0.02 s |
-    | Cartpole | slide, hinge_1 | 4, 1 | -3 to 3 | 0.01 s |
-    | Acrobot | shoulder, elbow | 2, 2 | -15 to 15 | 0.01 s |
-    | PendulumStock | torque | 1 | -1 to 1 | 0.02 s |
-    | CartpoleStock | slide | 10 | -1 to 1 | 0.01 s |
-    | AcrobotStock | elbow | 2 | -1 to 1 | 0.01 s |
+    gear. Actions are held for one control step. `keycld systems` prints motors, gears, default ranges and steps.
 
     The paper gives the acrobot a range of 3, too weak to lift its links directly: `action_limit=3`.
 
@@ -78,7 +69,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
     - `camera`: name of a camera of the model. The default looks at right angles to the plane of motion; in the Stock
       variants, dm_control's own are "fixed" and "lookat" ("lookatcart").
     - `render_quality`: "fast" (default) or "full", which is bit for bit dm_control's image.
-    - `action_limit`: symmetric range of every motor; default as in the table.
+    - `action_limit`: symmetric range of every motor; default the system's.
     - `start`: "random" or "hanging".
     - `effects`: physics to add, of `keycld_envs.effects`: friction, springs, lags of motors, and so on.
     - `render_mode`: "rgb_array" or None.
