@@ -21,7 +21,7 @@ class Args:
     Attributes:
         out: Folder of the report, of data, models and results; one folder per --seed.
         system: System, repeatable; by default all; `keycld systems` lists them.
-        preset: Preset of the models, repeatable; by default all that the report has.
+        preset: Recipe of the models, repeatable; by default all of the report.
         seeds: Seeds of training per model.
         sequences: Training sequences, repeatable; by default 450, and 25 to 200 for the default's first seed.
         retrain: Train also what the shipped weights are of, if it has no figures yet.

@@ -17,8 +17,7 @@ class Args:
             mechanism's declaration for recordings of a camera.
         data: Folder of recordings.
         out: Folder for the checkpoint and the log.
-        preset: Recipe: "default" (minutes on two CPU cores), one of the ablations "nc", "node2" and "fc", "joint" (the
-            paper's loss), "joint-sign", or "paper" (the paper's exact hyperparameters; days).
+        preset: Recipe; `keycld presets` lists them.
         validation: Fraction of the recordings held out.
         seed: Seed of initialisation and batches.
         json: Print one JSON object.

@@ -22,11 +22,13 @@ class Preset:
         networks: sizes of the networks.
         stages: what is trained, in order.
         length: longest sequence, frames; longer recordings are cut.
+        about: what it is, in a few words, for `keycld presets`.
     """
 
     networks: NetworkConfig
     stages: tuple[Stage, ...]
     length: int = 50
+    about: str = ""
 
     @property
     def steps(self) -> int:
@@ -47,6 +49,7 @@ DEFAULT = Preset(
         Distil(steps=3500, batch=8, learning_rate=4e-3),
         FitTrajectories(steps=200, learning_rate=5e-4, slide=False, identify=10, sparse=True, acting=True),
     ),
+    about="in stages; minutes on two CPU cores",
 )
 
 JOINT = Joint(steps=45_000, batch=1, learning_rate=3e-4)
@@ -72,14 +75,27 @@ def by_gradient_descent(preset: Preset) -> Preset:
 
 PRESETS: dict[str, Preset] = {
     "default": DEFAULT,
-    "nc": with_networks(DEFAULT, motion="unconstrained"),
-    "node2": with_networks(DEFAULT, motion="acceleration"),
-    "fc": with_networks(DEFAULT, images="fully_connected"),
-    "joint": replace(DEFAULT, stages=(replace(JOINT, steps=6000),)),
-    "joint-sign": replace(DEFAULT, stages=(replace(JOINT, steps=6000, forgetful=True),)),
-    "paper": Preset(PAPER_NETWORKS, (JOINT,)),
+    "nc": replace(
+        with_networks(DEFAULT, motion="unconstrained"), about="the paper's ablation KeyCLD-NC: default, no constraints"
+    ),
+    "node2": replace(
+        with_networks(DEFAULT, motion="acceleration"),
+        about="the paper's ablation NODE2: default, a network for the acceleration",
+    ),
+    "fc": replace(
+        with_networks(DEFAULT, images="fully_connected"),
+        about="the paper's ablation FC: default, fully connected estimator and renderer",
+    ),
+    "joint": replace(
+        DEFAULT,
+        stages=(replace(JOINT, steps=6000),),
+        about="the paper's loss and optimiser on the networks of default",
+    ),
+    "joint-sign": replace(
+        DEFAULT,
+        stages=(replace(JOINT, steps=6000, forgetful=True),),
+        about="joint with the optimiser that the reference's code had: Adam that forgets",
+    ),
+    "paper": Preset(PAPER_NETWORKS, (JOINT,), about="exact hyperparameters of the paper's table 2; days"),
 }
-"""`default` trains in minutes on two CPU cores. `nc`, `node2` and `fc` are the paper's ablations: `default` with one
-field of its networks changed. `joint` is the paper's loss and optimiser on the default networks, `joint-sign` the same
-with the optimiser that the reference's code had (Adam that forgets); `paper` has the exact hyperparameters of the
-paper's table 2 and takes days."""
+"""All, by name; a recipe is declared here and nowhere else."""

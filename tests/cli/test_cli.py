@@ -17,6 +17,7 @@ import keycld_model
 from keycld_control.cli import command_names, main
 from keycld_control.cli.doctor import examine
 from keycld_envs import SYSTEMS
+from keycld_model.training import PRESETS
 from keycld_model.world_model import shipped_models
 
 COLLECT = ["--steps", "3", "--width", "16", "--height", "16"]
@@ -149,6 +150,15 @@ def test_systems_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["systems"]) == 0
     out = capsys.readouterr().out
     assert all(name in out for name in SYSTEMS) and "KeyCLD/CartpoleStock-v0" in out
+
+
+def test_presets_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["presets", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {name: row["steps"] for name, row in found.items()} == {name: p.steps for name, p in PRESETS.items()}
+    assert main(["presets"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in PRESETS)
 
 
 @pytest.mark.render

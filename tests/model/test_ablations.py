@@ -43,6 +43,14 @@ TINY = Preset(
 )
 
 
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_says_what_it_is_and_builds(name):
+    preset = PRESETS[name]
+    assert preset.about and preset.steps > 0 and preset.length > 2
+    parts = Parts(ModelConfig(get_system("pendulum").mechanism, 0.02, networks=preset.networks))
+    assert all({*stage.trained} <= parts.shapes().keys() for stage in preset.stages)
+
+
 @pytest.mark.parametrize("name", ABLATIONS)
 def test_an_ablation_is_one_field(name):
     default, preset = asdict(PRESETS["default"].networks), asdict(PRESETS[name].networks)
