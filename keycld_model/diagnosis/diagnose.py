@@ -14,6 +14,7 @@ from keycld_model.diagnosis.inputs.checks import check, check_apart
 from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, split
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.observation import JointPositions, Observation
+from keycld_model.diagnosis.output.words import headline
 from keycld_model.diagnosis.search.criterion import Scored
 from keycld_model.diagnosis.search.explain import Explanation, explain_either, refit, refit_accurately
 from keycld_model.diagnosis.simulation.contacts import without_contacts
@@ -23,7 +24,6 @@ from keycld_model.diagnosis.verdict.evidence import evidence
 from keycld_model.diagnosis.verdict.findings import (
     calibrated,
     findings_of,
-    headline_of,
     nuisance_of,
     pulses_of,
     unexplained_of,
@@ -83,7 +83,7 @@ def diagnose(
     refitted, final = explained.refitted, concluded.fit
     return Report(
         verdict=concluded.verdict,
-        headline=headline_of(concluded.verdict, concluded.findings, errors, unexplained),
+        headline=headline(concluded.verdict, concluded.findings, errors, unexplained),
         findings=calibrated(concluded.findings, unexplained),
         nuisance=nuisance_of(final),
         unexplained=unexplained,

@@ -5,11 +5,11 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from keycld_model.diagnosis.inputs.noise import noise
 from plants import recordings
 
 from keycld_model.diagnosis import Source, diagnose, write_corrected
 from keycld_model.diagnosis.estimation.fit import Problem
-from keycld_model.diagnosis.inputs.noise import noise
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.simulation.simulator import Simulator
 

@@ -19,6 +19,7 @@ from keycld_model.diagnosis.diagnose import coarseness
 from keycld_model.diagnosis.estimation.fit import Fit, Problem
 from keycld_model.diagnosis.inputs.checks import check
 from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.output.words import in_sentence
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
 ELBOW = np.array([0.0, 1.0])
@@ -82,7 +83,10 @@ def test_one_effect_is_named_placed_and_measured(effect):
     for name, value in values.items():
         assert finding.parameters[name].value == pytest.approx(value, rel=0.05)
     assert report.fit.corrected < 0.5 * report.fit.refitted
-    assert place in report.headline and effect.split("_")[0] in report.headline
+    assert place in report.headline and in_sentence(effect) in report.headline
+    assert report.evidence is not None
+    squares = [np.nanmean((r.measured - r.corrected) ** 2) for r in report.evidence.rollouts]
+    assert 1e3 * np.sqrt(np.mean(squares)) == pytest.approx(report.fit.corrected, rel=1e-3)
     assert json.loads(json.dumps(report.to_dict()))["schema"] == "keycld.diagnosis/1"
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from keycld_model.diagnosis.inputs.noise import noise
 from plants import recordings
 
 from keycld_control.cli import main
@@ -17,7 +18,6 @@ from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.estimation.fit import Problem
 from keycld_model.diagnosis.estimation.replay import mean_square, rollout_error
 from keycld_model.diagnosis.inputs.checks import check
-from keycld_model.diagnosis.inputs.noise import noise
 from keycld_model.diagnosis.inputs.prepare import ready, split
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.simulation.contacts import without_contacts

@@ -1,25 +1,26 @@
 """Words and numbers for people."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import fields
 from math import floor, isfinite, log10
 
 from keycld_envs.effects import Effect
-from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors
+from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors, Unexplained, Verdict
 
 _NAMES = {
     "coulomb_friction": "Coulomb friction",
     "stribeck_friction": "Stribeck friction",
-    "unknown": "Unknown physics",
+    "unknown": "Residual force",
 }
 _COUNTABLE = {
     "actuator_dead_zone", "actuator_delay", "actuator_gain", "actuator_lag", "constant_force", "end_stop",
-    "external_pulse", "gravity_tilt", "spring",
+    "external_pulse", "gravity_tilt", "spring", "unknown",
 }  # fmt: skip
 
 
 def effect_name(effect: str) -> str:
-    """Of an id: "Coulomb friction"."""
+    """The name of an effect by its id: "Coulomb friction"."""
     return _NAMES.get(effect, effect.replace("_", " ").capitalize())
 
 
@@ -31,12 +32,12 @@ def call(effect: Effect) -> str:
 
 
 def spelled_out(effect: Effect) -> bool:
-    """All of an effect is in its `call`; a fitted function is not."""
+    """Whether `call` holds all of an effect; it does not hold a fitted function."""
     return all(isinstance(getattr(effect, f.name), int | float | str) for f in fields(effect))
 
 
 def unit(text: str) -> str:
-    """As printed: "N m s/rad" is "N·m·s/rad", "1" is nothing."""
+    """A unit as it is printed: "N m s/rad" is "N·m·s/rad", "1" is nothing."""
     return "" if text == "1" else text.replace(" ", "·").replace("^2", "²").replace("of·the·", "of the ")
 
 
@@ -76,7 +77,7 @@ def in_sentence(effect: str) -> str:
 
 
 def place(finding: Finding) -> str:
-    """Where: "the elbow", "joint hinge_1", "the surroundings"."""
+    """Where a finding is: "the elbow", "joint hinge_1", "the surroundings"."""
     kind, name = finding.where["kind"], finding.where["name"]
     if kind in ("world", "sensor", "camera"):
         return "the surroundings" if kind == "world" else f"the {kind}"
@@ -95,30 +96,29 @@ def experiment(proposed: Experiment) -> str:
     what = proposed.action.replace("it ", f"{proposed.where['kind']} {proposed.where['name']} ", 1)
     start = ", ".join(f"{name} {value:.3g}" for name, value in proposed.start.items())
     return (
-        f"To tell these findings from {others}, {what}, starting at rest at {start}. Expected to tell them apart by "
-        f"{proposed.nats:.0f} nats (10 are clear)."
+        f"To tell these findings from {others}, {what}, starting at rest at {start}. Their log-likelihoods are "
+        f"expected to differ by {proposed.nats:.0f} nats; 10 are clear."
     )
 
 
 def rival(text: str) -> str:
-    """As a report has it, for people: "a spring at elbow"."""
+    """A rival as a report names it, for people: "a spring at elbow"."""
     name, at, where = text.partition(" at ")
     return f"{in_sentence(name)}{at}{where}" if name != "nothing" else name
 
 
-def headline(verdict: str, findings: list[Finding], errors: FitErrors, unit: str, message: str) -> str:
-    """The first sentence of a page.
+def headline(verdict: Verdict, findings: Sequence[Finding], errors: FitErrors, unexplained: Unexplained) -> str:
+    """What was found, in one sentence.
 
     Args:
         verdict: of a report.
         findings: of the report.
         errors: of the report.
-        unit: of the errors.
-        message: of what stays unexplained.
+        unexplained: of the report.
     """
     if not findings:
-        if message:
-            return f"No effect of the library explains what differs. {message}"
+        if unexplained.significant:
+            return f"No effect of the library explains what differs. {unexplained.message}"
         return "Nothing is missing. With masses, lengths and encoder zeros refitted, only noise is left."
     what = _few(findings) if len(findings) < 3 else _many(findings)
     lacks = "lacks" if verdict == "mismatch" else "may lack"
@@ -126,11 +126,11 @@ def headline(verdict: str, findings: list[Finding], errors: FitErrors, unit: str
     verb = "falls" if errors.corrected < errors.refitted else "goes"
     return (
         f"{what[0].upper()}{what[1:]}; held-out error {verb} from {error(errors.refitted)} to "
-        f"{error(errors.corrected)} {unit}."
+        f"{error(errors.corrected)} {errors.unit}."
     )
 
 
-def _few(findings: list[Finding]) -> str:
+def _few(findings: Sequence[Finding]) -> str:
     parts = []
     for finding in findings:
         estimates = list(finding.parameters.values())
@@ -140,7 +140,7 @@ def _few(findings: list[Finding]) -> str:
     return ", and ".join(parts)
 
 
-def _many(findings: list[Finding]) -> str:
+def _many(findings: Sequence[Finding]) -> str:
     parts = [in_sentence(f.effect) + ("" if f.where["kind"] == "world" else f" at {place(f)}") for f in findings[:4]]
     rest = len(findings) - len(parts)
     last = f"{rest} more" if rest else parts.pop()

@@ -14,7 +14,7 @@ from keycld_model.diagnosis.estimation.replay import mean_square
 from keycld_model.diagnosis.search.criterion import Scored, above_noise
 from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.verdict.region import shape_of
-from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Unexplained, Verdict
+from keycld_model.diagnosis.verdict.report import Estimate, Finding, Unexplained
 from keycld_model.diagnosis.verdict.rivals import Rivals
 from keycld_model.rigid_body.residual_force import ResidualForce
 
@@ -173,23 +173,3 @@ def calibrated(findings: Sequence[Finding], left: Unexplained) -> list[Finding]:
     beside = len(names) > 1 and not names.isdisjoint({unknown, ExternalPulse.id})
     right = RIGHT["beside" if beside else "left" if left.significant else "explained"]
     return [f if f.effect == unknown else replace(f, confidence=round(right * f.confidence, 4)) for f in findings]
-
-
-def headline_of(verdict: Verdict, findings: list[Finding], errors: FitErrors, left: Unexplained) -> str:
-    """One sentence."""
-    if not findings:
-        if left.significant:
-            return f"Something is missing that no effect in the library explains. {left.message}"
-        return "Nothing is missing: with masses, lengths and encoder zeros refitted, only noise is left."
-    names = "; ".join(
-        f"{f.effect.replace('_', ' ')} at {f.where['name']}"
-        + (" (" if f.parameters else "")
-        + ", ".join(f"{n} = {e.value:.3g} ± {(e.high - e.low) / 2:.1g} {e.unit}" for n, e in f.parameters.items())
-        + (")" if f.parameters else "")
-        for f in findings
-    )
-    verb = "lacks" if verdict == "mismatch" else "may lack"
-    return (
-        f"The simulator {verb} {names}; the held-out error goes from {errors.refitted:.3g} to {errors.corrected:.3g} "
-        f"{errors.unit}."
-    )

@@ -2,25 +2,25 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_model.diagnosis.output.page.elements import Element, element
 from keycld_model.diagnosis.output.page.geometry import HINGE, NEAR, Skeleton, skeleton
 from keycld_model.diagnosis.output.page.labels import COLUMN, Label, Mark, column
-from keycld_model.diagnosis.output.page.symbols import arrow, badge, base, cart, motor, point, rail
+from keycld_model.diagnosis.output.page.symbols import arrow, badge, base, cart, line, motor, point, rail, words
 
 Array = NDArray[np.float64]
 WIDTH = 480.0
-"""Of the drawing, in units of the view box."""
+"""Least width of the drawing, in units of the view box."""
 MARGIN, SHORTEST, TALLEST = 38.0, 250.0, 400.0
 GHOSTS, LAPSE = 4, 0.07
 """Faint earlier poses, and seconds between them."""
 
 
-def draw(model: mujoco.MjModel, time: Array, q: Array, marks: Sequence[Mark]) -> str:
+def draw(model: mujoco.MjModel, time: Array, q: Array, marks: Sequence[Mark]) -> Element:
     """An SVG element.
 
     Args:
@@ -33,8 +33,8 @@ def draw(model: mujoco.MjModel, time: Array, q: Array, marks: Sequence[Mark]) ->
     poses = _poses(shape, time, q)
     frame = _Frame.around(shape.at(poses), _reach(shape, q))
     points = frame.place(shape.at(poses))
-    parts = [_rails(shape, frame, q, points[-1]), *(_ghost(shape, p, i) for i, p in enumerate(points[:-1]))]
-    parts += [_bases(shape, points[-1]), _links(shape, points[-1], marks), _joints(shape, points[-1], poses[-1], marks)]
+    parts = [*_rails(shape, frame, q), *(_ghost(shape, p, i) for i, p in enumerate(points[:-1]))]
+    parts += _bases(shape, points[-1]) + _links(shape, points[-1], marks) + _joints(shape, points[-1], poses[-1], marks)
     height, weight = frame.height, np.asarray(model.opt.gravity) @ shape.axes.T
     tilted = any(m.kind == "world" for m in marks)
     weight_at = _free_corner(shape, points, height, beside=tilted)
@@ -42,16 +42,28 @@ def draw(model: mujoco.MjModel, time: Array, q: Array, marks: Sequence[Mark]) ->
     if size > 1e-6:
         css = "gravity found" if tilted else "gravity"
         parts.append(arrow(weight_at, weight_at + 34 * weight / size * (1, -1), css))
-        parts.append(f'<text class="note" x="{weight_at[0] + 9:.0f}" y="{weight_at[1] + 22:.0f}">g</text>')
+        parts.append(words("g", weight_at[0] + 9, weight_at[1] + 22, "note"))
     labels = _labels(shape, points[-1], marks, weight_at + np.array([0.0, 17.0]))
-    words, height = column(labels, height)
-    joints = ", ".join(f"{model.joint(j).name} ({_kind(model, j)})" for j in range(model.njnt))
-    found = "; ".join(f"{m.title} at {m.name}" for m in marks) or "nothing is marked"
-    return (
-        f'<svg class="drawing" viewBox="0 0 {WIDTH:.0f} {height:.0f}" role="img" aria-labelledby="drawn described">'
-        '<title id="drawn">The mechanism</title><desc id="described">A schematic drawing of a mechanism with the '
-        f"joints {escape(joints)}. Marked: {escape(found)}.</desc>{''.join(parts)}{words}</svg>"
+    column_of_words, height = column(labels, height)
+    width = max(WIDTH, *(label.right for label in labels))
+    return element(
+        "svg",
+        element("title", "The mechanism", id="drawn"),
+        element("desc", _described(model, marks), id="described"),
+        *parts,
+        *column_of_words,
+        class_="drawing",
+        viewBox=f"0 0 {width:.0f} {height:.0f}",
+        role="img",
+        aria_labelledby="drawn described",
     )
+
+
+def _described(model: mujoco.MjModel, marks: Sequence[Mark]) -> str:
+    """For those who do not see the drawing."""
+    joints = ", ".join(f"{model.joint(j).name} ({_kind(model, j)})" for j in range(model.njnt))
+    found = "; ".join(f"{m.title} at {m.name}" for m in marks) or "nothing"
+    return f"A schematic drawing of a mechanism with the joints {joints}. Marked: {found}."
 
 
 def _free_corner(shape: Skeleton, points: Array, height: float, beside: bool) -> Array:
@@ -138,38 +150,33 @@ def _thickness(shape: Skeleton, points: Array) -> float:
     return float(np.clip(0.13 * min(lengths, default=100.0), 7, 15))
 
 
-def _line(a: Array, b: Array, css: str, width: float, more: str = "") -> str:
-    ends = f'x1="{a[0]:.1f}" y1="{a[1]:.1f}" x2="{b[0]:.1f}" y2="{b[1]:.1f}"'
-    return f'<line class="{css}" {ends} stroke-width="{width:.1f}"{more}/>'
+def _ghost(shape: Skeleton, points: Array, age: int) -> Element:
+    width = _thickness(shape, points)
+    lines = (line(a, b, "ghost", width) for _, a, b in _drawn_links(shape, points))
+    return element("g", *lines, opacity=0.10 + 0.07 * age)
 
 
-def _ghost(shape: Skeleton, points: Array, age: int) -> str:
-    width, opacity = _thickness(shape, points), 0.10 + 0.07 * age
-    lines = "".join(_line(a, b, "ghost", width) for _, a, b in _drawn_links(shape, points))
-    return f'<g opacity="{opacity:.2f}">{lines}</g>'
-
-
-def _links(shape: Skeleton, points: Array, marks: Sequence[Mark]) -> str:
+def _links(shape: Skeleton, points: Array, marks: Sequence[Mark]) -> list[Element]:
     width, out = _thickness(shape, points), []
     found = {m.name for m in marks if m.kind == "body"}
     for body, a, b in _drawn_links(shape, points):
         css = " found" if shape.model.body(body).name in found else ""
-        out += [_line(a, b, f"edge{css}", width + 2.5), _line(a, b, f"link{css}", width)]
+        out += [line(a, b, f"edge{css}", width + 2.5), line(a, b, f"link{css}", width)]
     ends = [points[i] for i, node in enumerate(shape.nodes) if node.joint is None]
-    return "".join([*out, *(point(end, width / 2 - 2, "end") for end in ends)])
+    return [*out, *(point(end, width / 2 - 2, "end") for end in ends)]
 
 
-def _rails(shape: Skeleton, frame: _Frame, q: Array, points: Array) -> str:
+def _rails(shape: Skeleton, frame: _Frame, q: Array) -> list[Element]:
     """Rails of slides, as long as they were used."""
     out, good = [], q[np.isfinite(q).all(axis=1)]
     for j in (j for j in range(shape.model.njnt) if shape.model.jnt_type[j] != HINGE):
         ends = frame.place(shape.at(good[[good[:, j].argmin(), good[:, j].argmax()]])[:, j])
         out.append(rail(ends[0], ends[1], shape.direction(j, good[0]) * (1, -1)))
-    return "".join(out)
+    return out
 
 
-def _bases(shape: Skeleton, points: Array) -> str:
-    """What hinges are fixed to that turn about the world."""
+def _bases(shape: Skeleton, points: Array) -> list[Element]:
+    """Brackets under hinges that turn about the world."""
     model, out = shape.model, []
     for j in (j for j in range(model.njnt) if model.jnt_type[j] == HINGE):
         body = int(model.jnt_bodyid[j])
@@ -178,10 +185,10 @@ def _bases(shape: Skeleton, points: Array) -> str:
             ends = [points[link.end] for link in shape.links if link.body == body]
             below = bool(np.mean([end[1] for end in ends]) <= points[j][1])
             out.append(base(points[j], 1.0 if below else -1.0))
-    return "".join(out)
+    return out
 
 
-def _joints(shape: Skeleton, points: Array, q: Array, marks: Sequence[Mark]) -> str:
+def _joints(shape: Skeleton, points: Array, q: Array, marks: Sequence[Mark]) -> list[Element]:
     """Carts, circles, motors, and rings where something was found."""
     model, out, width = shape.model, [], _thickness(shape, points)
     for j in range(model.njnt):
@@ -190,7 +197,7 @@ def _joints(shape: Skeleton, points: Array, q: Array, marks: Sequence[Mark]) -> 
         there = [m for m in marks if m.kind == "actuator" and m.name in names]
         along = shape.direction(j, q) * (1, -1)
         if here or there:
-            out.append(f'<circle class="halo" cx="{points[j][0]:.1f}" cy="{points[j][1]:.1f}" r="27"/>')
+            out.append(point(points[j], 27, "halo"))
         if not hinge:
             out.append(cart(points[j], along))
         if names:
@@ -198,7 +205,7 @@ def _joints(shape: Skeleton, points: Array, q: Array, marks: Sequence[Mark]) -> 
         out.append(point(points[j], width / 2 + 1.5, "joint found" if here else "joint"))
         for i, mark in enumerate([*here, *there]):
             out.append(badge(points[j] + (-21.0 + 18 * i, -21.0), mark.number))
-    return "".join(out)
+    return out
 
 
 def _labels(shape: Skeleton, points: Array, marks: Sequence[Mark], weight_at: Array) -> list[Label]:

@@ -1,27 +1,30 @@
 """The whole page."""
 
-import json
 import re
-from html import escape
+from functools import cache
 from importlib import resources
 from math import isfinite
 from pathlib import Path
-from string import Template
-from typing import Any
 
+import jinja2
 import numpy as np
+from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
+from keycld_envs.templates import templates
 from keycld_model.diagnosis.output.page.drawing import draw
+from keycld_model.diagnosis.output.page.elements import Element, markup
 from keycld_model.diagnosis.output.page.labels import Mark
-from keycld_model.diagnosis.output.page.plots import plot_data
-from keycld_model.diagnosis.output.page.sections import code, error_bars, findings, following, nuisances
-from keycld_model.diagnosis.output.words import effect_name, headline, measured
+from keycld_model.diagnosis.output.page.mathml import mathml
+from keycld_model.diagnosis.output.page.plot_data import Json, plot_data
+from keycld_model.diagnosis.output.page.sections import cards, code, details, held_out_errors, minus, nuisances
+from keycld_model.diagnosis.output.words import effect_name, error, experiment, measured, spelled_out
 from keycld_model.diagnosis.verdict.evidence import Evidence
 from keycld_model.diagnosis.verdict.report import Report
 
+PACKAGE = "keycld_model.diagnosis.output.page"
 VERDICTS = {"no_mismatch": "nothing missing", "mismatch": "physics missing", "undetermined": "undetermined"}
 
 
@@ -46,43 +49,53 @@ def html_page(report: Report, environment: str | None = None, corrected: str | N
     """The text of the file; see `write_page`."""
     if report.evidence is None:
         raise InputError("The report holds no evidence, so there is nothing to draw; hand in what diagnose returned.")
-    evidence, model = report.evidence, report.evidence.nominal
-    said = headline(
-        report.verdict,
-        report.findings,
-        report.fit,
-        report.fit.unit,
-        report.unexplained.message if report.unexplained.significant else "",
+    evidence = report.evidence
+    return (
+        _templates()
+        .get_template("page.html")
+        .render(
+            report=report,
+            verdict=VERDICTS[report.verdict],
+            drawing=markup(_drawing(report, evidence)),
+            errors=held_out_errors(report, evidence),
+            cards=cards(report),
+            nuisances=nuisances(report, evidence.nominal),
+            blocks=code(evidence, environment, corrected),
+            functions=any(not spelled_out(e) for e in evidence.effects),
+            details=details(report),
+            style=_file("style.css"),
+            script=_file("page.js"),
+            plotly=Markup(get_plotlyjs() if evidence.rollouts else ""),
+            data=_finite(plot_data(report, evidence)),
+            report_json=_finite(report.to_dict()),
+        )
     )
-    left = report.unexplained
-    return Template(_file("template.html")).substitute(
-        title=escape(said.split(";")[0].rstrip(".")),
-        description=escape(report.headline),
-        headline=_unbroken(escape(said)),
-        verdict=VERDICTS[report.verdict],
-        css=report.verdict,
-        drawing=_drawing(report, evidence),
-        errors=error_bars(report, evidence),
-        findings=findings(report),
-        unexplained=f'<p class="{"warn" if left.significant else "lead"}">{escape(left.message)}{_share(report)}</p>',
-        following=following(report),
-        nuisances=nuisances(report, model),
-        code=code(evidence, environment, corrected),
-        details=_details(report),
-        style=_file("style.css"),
-        script=_file("page.js"),
-        plotly=get_plotlyjs() if evidence.rollouts else "",
-        data=_json(plot_data(report, evidence)),
-        report=_json(report.to_dict()),
-    )
+
+
+@cache
+def _templates() -> jinja2.Environment:
+    """The templates of the page with their filters."""
+    out = templates(PACKAGE)
+    out.filters |= {
+        "effect_name": effect_name,
+        "error": error,
+        "experiment": experiment,
+        "mathml": lambda equation: markup(mathml(equation)),
+        "minus": minus,
+        "percent": lambda share: f"{share:.2f}%",
+        "unbroken": _unbroken,
+    }
+    out.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "separators": (",", ":"), "allow_nan": False}
+    return out
 
 
 def _unbroken(text: str) -> str:
     """With numbers, intervals and units on one line each."""
-    return re.sub(r"(?<=\d) (?=±|[a-zA-Z]*[·/]|rad|mrad|mm|kg|of the|s\b)|(?<=±) ", "&nbsp;", text)
+    return re.sub(r"(?<=\d) (?=±|[a-zA-Z]*[·/]|rad|mrad|mm|kg|of the|s\b)|(?<=±) ", "\N{NO-BREAK SPACE}", text)
 
 
-def _drawing(report: Report, evidence: Evidence) -> str:
+def _drawing(report: Report, evidence: Evidence) -> Element:
+    """The mechanism in a pose of the held-out recording that moves most."""
     marks = [
         Mark(
             i + 1,
@@ -99,43 +112,21 @@ def _drawing(report: Report, evidence: Evidence) -> str:
     return draw(evidence.refitted, longest.time, longest.measured, marks)
 
 
-def _share(report: Report) -> str:
-    left = report.unexplained
-    if not (left.significant and left.fraction > 0):
-        return ""
-    return f" That is {100 * left.fraction:.0f} % of what the refitted simulator leaves."
-
-
-def _details(report: Report) -> str:
-    """The fits' numbers, as terms and definitions."""
-    items: dict[str, Any] = {"held out": ", ".join(report.held_out), **report.details, "schema": report.schema}
-    return "".join(f"<dt>{escape(k.replace('_', ' '))}</dt><dd>{escape(_plain(v))}</dd>" for k, v in items.items())
-
-
-def _plain(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_plain(item)}" for key, item in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(map(_plain, value))
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _json(value: Any) -> str:
-    """For a script element, which no string inside can close."""
-    text = json.dumps(_finite(value), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    return text.replace("<", "\\u003c")
-
-
-def _finite(value: Any) -> Any:
-    """With null for numbers that JSON does not have."""
-    if hasattr(value, "tolist"):
+def _finite(value: object) -> Json:
+    """A value of JSON, with null for numbers that JSON does not have."""
+    if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {str(key): _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    raise TypeError(f"{value!r} is no value of JSON.")
 
 
-def _file(name: str) -> str:
-    return resources.files(__package__ or "").joinpath(name).read_text(encoding="utf-8")
+def _file(name: str) -> Markup:
+    """A file that stands in the page as it is."""
+    return Markup(resources.files(PACKAGE).joinpath("templates", name).read_text(encoding="utf-8"))

@@ -1,104 +1,181 @@
-"""The parts of the page that are words and tables, as HTML."""
+"""The parts of the page that are words and tables, as values for its templates."""
 
-from html import escape
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
 
 import mujoco
 import numpy as np
+from markupsafe import Markup
 
 from keycld_envs.effects import Effect, effect_class
 from keycld_model.diagnosis.observation.nuisance import FACTOR_UNIT
 from keycld_model.diagnosis.output.native import native
+from keycld_model.diagnosis.output.page.elements import markup
 from keycld_model.diagnosis.output.page.geometry import HINGE
 from keycld_model.diagnosis.output.page.mathml import mathml
 from keycld_model.diagnosis.output.page.portrait import portrait
-from keycld_model.diagnosis.output.words import (
-    call,
-    effect_name,
-    error,
-    experiment,
-    in_sentence,
-    measured,
-    place,
-    spelled_out,
-)
+from keycld_model.diagnosis.output.words import call, in_sentence, measured, place, spelled_out
 from keycld_model.diagnosis.verdict.evidence import Evidence
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, Report
 
+DETAILS = {
+    "gain_nats": "log-likelihood gained, nats",
+    "held_out_gain_nats": "log-likelihood gained on held-out recordings, nats",
+    "chi_square": "mean square of whitened residuals",
+    "temper": "dispersion factor",
+    "noise": "noise of the sensors, rad or m",
+    "step_s": "time step, s",
+}
+"""Names of a report's details; of others, their keys."""
 
-def error_bars(report: Report, evidence: Evidence) -> str:
+
+@dataclass(frozen=True)
+class Bar:
+    """An error as a bar.
+
+    Attributes:
+        name: of the simulator, as in `FitErrors`, or "noise".
+        label: the same for people.
+        value: the error.
+        share: of the longest bar, %.
+    """
+
+    name: str
+    label: str
+    value: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Held-out errors.
+
+    Attributes:
+        bars: from top to bottom.
+        ceiling_fails: the residual force in place of named effects is no better than the refitted simulator, and has
+            no bar.
+        ceiling_diverges: its error is not even a number.
+    """
+
+    bars: list[Bar]
+    ceiling_fails: bool
+    ceiling_diverges: bool
+
+
+@dataclass(frozen=True)
+class Scale:
+    """An interval on a scale; places in % of its length.
+
+    Attributes:
+        title: the interval in words.
+        low: where it begins.
+        width: of the interval.
+        value: of the estimate, None for no dot.
+        zero: where an effect would be absent, None for no mark.
+        zero_label: the number there.
+    """
+
+    title: str
+    low: float
+    width: float
+    value: float | None
+    zero: float | None
+    zero_label: str = ""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A number in a table.
+
+    Attributes:
+        key: in the report.
+        name: for people.
+        text: the number with its interval and its unit.
+        scale: the same as a picture.
+    """
+
+    key: str
+    name: str
+    text: str
+    scale: Scale
+
+
+@dataclass(frozen=True)
+class Card:
+    """A finding.
+
+    Attributes:
+        number: with which the drawing refers to it.
+        finding: of the report.
+        place: in words where it is no joint, actuator or body, else "".
+        rows: its parameters.
+        panels: a residual force over position and over speed, as SVG.
+        confidence: %.
+        rivals: ids and names of effects that are not excluded.
+        of_the_library: it is an effect of the library.
+        when: times and regions; none for always and everywhere.
+    """
+
+    number: int
+    finding: Finding
+    place: str
+    rows: list[Row]
+    panels: list[Markup]
+    confidence: float
+    rivals: list[tuple[str, str]]
+    of_the_library: bool
+    when: list[str]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Lines of Python, and a sentence about them."""
+
+    about: str
+    lines: list[str]
+
+
+def held_out_errors(report: Report, evidence: Evidence) -> Errors:
     """Held-out errors as bars, with the sensor's noise as the floor."""
     fit, floor = report.fit, 1e3 * float(np.sqrt(np.mean(evidence.noise**2)))
-    rows = [
-        ("as it was", "nominal", fit.nominal),
-        ("refitted", "refitted", fit.refitted),
-        ("corrected", "corrected", fit.corrected),
-        ("black box", "ceiling", fit.ceiling),
-    ]
-    shown = [(label, css, value) for label, css, value in rows if value is not None]
-    if report.verdict == "no_mismatch":
-        shown = [row for row in shown if row[1] != "corrected"]
-    largest = max([floor, *(value for *_, value in shown)]) or 1.0
-    out = []
-    for label, css, value in shown:
-        share = 100 * value / largest
-        out.append(
-            f'<div class="bar"><span class="what">{label}</span><span class="track"><span class="fill {css}" '
-            f'style="width:{share:.2f}%"></span></span><span class="much">{error(value)}</span></div>'
-        )
-    out.append(
-        f'<div class="bar"><span class="what">sensor noise</span><span class="track"><span class="fill noise" '
-        f'style="width:{100 * floor / largest:.2f}%"></span></span><span class="much">{error(floor)}</span></div>'
-    )
-    caption = f"{report.fit.metric[:1].upper()}{report.fit.metric[1:]}, {report.fit.unit}."
-    return f'{"".join(out)}<p class="caption">{escape(caption)}</p>'
+    shown = {"nominal": ("as it was", fit.nominal), "refitted": ("refitted", fit.refitted)}
+    if report.verdict != "no_mismatch":
+        shown["corrected"] = ("corrected", fit.corrected)
+    fails = fit.ceiling is not None and not fit.ceiling <= fit.refitted
+    if fit.ceiling is not None and not fails:
+        shown["ceiling"] = ("residual force", fit.ceiling)
+    shown["noise"] = ("sensor noise", floor)
+    largest = max(value for _, value in shown.values() if isfinite(value)) or 1.0
+    bars = [Bar(n, label, x, 100 * x / largest if isfinite(x) else 100.0) for n, (label, x) in shown.items()]
+    return Errors(bars, fails, fit.ceiling is not None and not isfinite(fit.ceiling))
 
 
-def following(report: Report) -> str:
-    """What to record next."""
-    if report.next_experiment is None:
-        return ""
-    said = escape(experiment(report.next_experiment))
-    return f'<section id="next"><h2>What to record next</h2><p class="lead">{said}</p></section>'
-
-
-def findings(report: Report) -> str:
-    """A card for each."""
-    if not report.findings:
-        return (
-            '<p class="lead">No effect of the library pays for its numbers. What differs between the simulator and '
-            "the recordings, its refitted masses, lengths and encoder zeros explain.</p>"
-            if not report.unexplained.significant
-            else '<p class="lead">No effect of the library explains what differs.</p>'
-        )
+def cards(report: Report) -> list[Card]:
+    """All findings."""
     shape = report.evidence.shape if report.evidence else None
-    return "".join(
-        _card(i + 1, f, portrait(shape) if shape is not None and f.effect == "unknown" else "")
-        for i, f in enumerate(report.findings)
-    )
+    panels = [] if shape is None else [markup(panel) for panel in portrait(shape)]
+    return [_card(i + 1, f, panels if f.effect == "unknown" else []) for i, f in enumerate(report.findings)]
 
 
-def _card(number: int, finding: Finding, picture: str = "") -> str:
+def _card(number: int, finding: Finding, panels: list[Markup]) -> Card:
     kind, name = finding.where["kind"], finding.where["name"]
-    where = place(finding) if kind in ("world", "sensor", "camera") else f"{kind} <b>{escape(name)}</b>"
-    rows = "".join(_parameter(finding, n, e) for n, e in finding.parameters.items())
     others = zip(finding.rivals, finding.rivals_where, strict=True)
-    rivals = ", ".join(escape(in_sentence(r) + ("" if at["name"] == name else f" at {at['name']}")) for r, at in others)
-    none = "No other effect" if effect_class(finding.effect, kind) else "No effect of the library"
-    rivals = f"These data do not exclude {rivals}." if rivals else f"{none} explains these data as well."
-    equation = f'<p class="law">{mathml(finding.equation)}</p>' if finding.equation else ""
-    share = 100 * min(max(finding.confidence, 0.0), 1.0)
-    sure = "&gt; 99 %" if share > 99 else f"{share:.0f} %"
-    return (
-        f'<article class="card"><header><span class="number">{number}</span><h3>{escape(effect_name(finding.effect))}'
-        f'</h3><span class="where">{where}</span></header>{equation}'
-        f'<table class="numbers"><tbody>{rows}</tbody></table>{picture}'
-        f'<dl><dt>Confidence</dt><dd><span class="meter" role="img" aria-label="confidence {share:.0f} percent">'
-        f'<span style="width:{share:.1f}%"></span></span> {sure}</dd><dt>Rivals</dt><dd>{rivals}</dd>'
-        f"<dt>When</dt><dd>{_when(finding)}</dd></dl></article>"
+    return Card(
+        number=number,
+        finding=finding,
+        place=place(finding) if kind in ("world", "sensor", "camera") else "",
+        rows=[_parameter(finding, n, e) for n, e in finding.parameters.items()],
+        panels=panels,
+        confidence=100 * min(max(finding.confidence, 0.0), 1.0),
+        rivals=[(r, in_sentence(r) + ("" if at["name"] == name else f" at {at['name']}")) for r, at in others],
+        of_the_library=effect_class(finding.effect, kind) is not None,
+        when=_when(finding),
     )
 
 
-def _parameter(finding: Finding, name: str, estimate: Estimate) -> str:
+def _parameter(finding: Finding, name: str, estimate: Estimate) -> Row:
     """A number, and its interval on a scale from where the effect would be absent."""
     effect = effect_class(finding.effect, finding.where["kind"])
     known = {p.name: p for p in effect.parameters()} if effect else {}
@@ -108,96 +185,105 @@ def _parameter(finding: Finding, name: str, estimate: Estimate) -> str:
     pad = 0.06 * (max(ends) - min(ends)) or 1.0
     left, width = min(ends) - pad, max(ends) - min(ends) + 2 * pad
     at = [100 * (x - left) / width for x in (low, high, estimate.value)]
-    zero = ""
-    if absent is not None:
-        zero = f'<i class="zero" data-at="{absent:g}" style="left:{100 * (absent - left) / width:.2f}%"></i>'
-    text = f"90 % interval from {estimate.low:.4g} to {estimate.high:.4g} {estimate.unit}"
-    bar = (
-        f'<span class="interval" role="img" aria-label="{escape(text)}" title="{escape(text)}">{zero}'
-        f'<i class="span" style="left:{at[0]:.2f}%;width:{max(at[1] - at[0], 0.6):.2f}%"></i>'
-        f'<i class="dot" style="left:{at[2]:.2f}%"></i></span>'
+    zero = None if absent is None else 100 * (absent - left) / width
+    scale = Scale(
+        _interval(estimate), at[0], max(at[1] - at[0], 0.6), at[2], zero, "" if absent is None else f"{absent:g}"
     )
-    return _row(mathml(name), measured(estimate), bar)
+    return Row(name, markup(mathml(name)), measured(estimate), scale)
 
 
-def _row(name: str, text: str, bar: str) -> str:
-    shown = escape(text.replace("-", "−"))
-    return f'<tr><th scope="row">{name}</th><td>{shown}</td><td class="wide">{bar}</td></tr>'
+def _interval(estimate: Estimate) -> str:
+    return f"90 % interval from {estimate.low:.4g} to {estimate.high:.4g} {estimate.unit}"
 
 
-def _when(finding: Finding) -> str:
+def _when(finding: Finding) -> list[str]:
+    """Times and regions, in words."""
     parts = []
     if finding.when:
         parts.append(", ".join(f"{a:.2f}–{b:.2f} s" for a, b in finding.when[:8]))
-    elif by_recording := getattr(finding, "when_by_recording", None):
-        parts.append(f"in {len(by_recording)} recordings, shaded in their plots")
+    elif finding.when_by_recording:
+        parts.append(f"in {len(finding.when_by_recording)} recordings, shaded in their plots")
     for signal, (low, high) in (finding.region or {}).items():
         quantity, _, joint = signal.partition(":")
         what = {"qpos": "position", "qvel": "speed"}.get(quantity, quantity)
-        parts.append(f"{escape(joint)}: {what} from {low:.3g} to {high:.3g}".replace("-", "−"))
-    return "; ".join(parts) or "throughout"
+        parts.append(f"{joint}: {what} from {minus(f'{low:.3g}')} to {minus(f'{high:.3g}')}")
+    return parts
 
 
-def nuisances(report: Report, model: mujoco.MjModel) -> str:
-    """What was refitted, as a table."""
-    kinds = {model.joint(j).name: model.jnt_type[j] == HINGE for j in range(model.njnt)}
+def minus(text: str) -> str:
+    """With minus signs instead of hyphens."""
+    return text.replace("-", "−")
+
+
+def nuisances(report: Report, model: mujoco.MjModel) -> list[Row]:
+    """What was refitted; zeros are in thousandths, on scales of 50 of them, factors in percent, on scales of 30."""
+    slides = {model.joint(j).name for j in range(model.njnt) if model.jnt_type[j] != HINGE}
     rows = []
     for name, estimate in report.nuisance.items():
         kind, _, of = name.partition(" of ")
         if kind == "zero":
-            shown = Estimate(1e3 * estimate.value, "1", 1e3 * estimate.low, 1e3 * estimate.high)
-            text = f"{measured(shown)} {'mrad' if kinds.get(of, True) else 'mm'}"
-            middle, spread = estimate.value / 0.05, (estimate.high - estimate.low) / 0.1
+            shown, reach = _scaled(estimate, 1e3, 0.0, "mm" if of in slides else "mrad"), 50.0
         elif estimate.unit != FACTOR_UNIT:
-            text, middle = measured(estimate), estimate.value / 0.05
-            spread = (estimate.high - estimate.low) / 0.1
+            shown, reach = estimate, 0.05
         else:
-            percent = Estimate(100 * (estimate.value - 1), "%", 100 * (estimate.low - 1), 100 * (estimate.high - 1))
-            text = ("+" if percent.value > 0 else "") + measured(percent)
-            middle, spread = percent.value / 30, (percent.high - percent.low) / 60
-        left, right = (50 + 50 * float(np.clip(x, -1, 1)) for x in (middle - spread, middle + spread))
-        bar = f'<i class="span" style="left:{left:.1f}%;width:{max(right - left, 1):.1f}%"></i>'
-        zero = '<i class="zero" style="left:50%"></i>'
-        rows.append(_row(escape(name.replace("_", " ")), text, f'<span class="interval">{zero}{bar}</span>'))
-    return f'<table class="numbers">{"".join(rows)}</table>'
+            shown, reach = _scaled(estimate, 100.0, 1.0, "%"), 30.0
+        spread = (shown.high - shown.low) / 2
+        low, high = (50 + 50 * float(np.clip(x / reach, -1, 1)) for x in (shown.value - spread, shown.value + spread))
+        sign = "+" if shown.unit == "%" and shown.value > 0 else ""
+        scale = Scale(_interval(shown), low, max(high - low, 1.0), None, 50.0)
+        rows.append(Row(name, name.replace("_", " "), sign + measured(shown), scale))
+    return rows
 
 
-def code(evidence: Evidence, environment: str | None, corrected: str | None) -> str:
+def _scaled(estimate: Estimate, factor: float, origin: float, unit: str) -> Estimate:
+    """An estimate in another unit."""
+    value, low, high = (factor * (x - origin) for x in (estimate.value, estimate.low, estimate.high))
+    return Estimate(value, unit, low, high)
+
+
+def code(evidence: Evidence, environment: str | None, corrected: str | None) -> list[Block]:
     """Python that simulates what was found."""
     moving = [e for e in evidence.effects if not e.observes and spelled_out(e)]
     blocks = []
     if environment is not None and moving:
-        names = ", ".join(sorted({type(e).__name__ for e in moving}))
-        lines = ["import gymnasium as gym", "import keycld_envs", f"from keycld_envs.effects import {names}", ""]
-        lines += [f'env = gym.make("{environment}", effects=[{", ".join(map(call, moving))}])']
-        blocks.append(("The environment with the physics that it lacks, its masses and lengths as they were.", lines))
+        lines = ["import gymnasium as gym", "import keycld_envs", _import(moving), ""]
+        lines += [f"env = gym.make({json.dumps(environment)}, effects=[{', '.join(map(call, moving))}])"]
+        blocks.append(
+            Block("The environment with the physics that it lacks, its masses and lengths as they were.", lines)
+        )
     if corrected is not None:
-        lines = ["import mujoco", "", f'model = mujoco.MjModel.from_xml_path("{corrected}")']
+        load = f"model = mujoco.MjModel.from_xml_path({json.dumps(corrected)})"
         rest = [e for e in native(evidence.refitted, evidence.effects).others if e in moving]
-        what = f"The corrected simulator: masses and lengths refitted{', physics added' if moving else ''}."
-        if rest:
-            what = (
-                "The corrected simulator: masses and lengths refitted; physics that MuJoCo lacks is added step by step."
-            )
-            lines = [*_stepping(rest, lines)]
-        blocks.append((what, lines))
-    functions = [e for e in evidence.effects if not spelled_out(e)]
-    missing = (
-        "<p>Not in these lines: what has no name is a fitted function, in <code>report.evidence.effects</code> of "
-        "<code>keycld_model.diagnosis.diagnose</code>.</p>"
-    )
-    return (missing if functions else "") + "".join(
-        f'<p>{escape(text)}</p><div class="code"><button type="button">Copy</button><pre><code>'
-        f"{escape(chr(10).join(lines))}</code></pre></div>"
-        for text, lines in blocks
-    )
+        added = "physics that MuJoCo lacks is added step by step" if rest else "physics added" if moving else ""
+        about = "The corrected simulator: masses and lengths refitted" + (", " + added if added else "") + "."
+        blocks.append(Block(about, _stepping(rest, load) if rest else ["import mujoco", "", load]))
+    return blocks
 
 
-def _stepping(effects: list[Effect], lines: list[str]) -> list[str]:
-    names = ", ".join(sorted({type(e).__name__ for e in effects}))
-    imports = [f"from keycld_envs.effects import {names}", "from keycld_envs.effects.added_physics import AddedPhysics"]
+def _import(effects: Sequence[Effect]) -> str:
+    return f"from keycld_envs.effects import {', '.join(sorted({type(e).__name__ for e in effects}))}"
+
+
+def _stepping(effects: Sequence[Effect], load: str) -> list[str]:
+    """Lines that load a model and add effects to its steps."""
     physics = f"physics = AddedPhysics([{', '.join(map(call, effects))}], model)"
     return [
-        lines[0], *imports, "", lines[2], "data = mujoco.MjData(model)", physics, "physics.reset()",
-        "data.ctrl[:] = 0.0", "for _ in physics.steps(data, 1):", "    mujoco.mj_step(model, data)",
+        "import mujoco", _import(effects), "from keycld_envs.effects.added_physics import AddedPhysics", "", load,
+        "data = mujoco.MjData(model)", physics, "physics.reset()", "data.ctrl[:] = 0.0",
+        "for _ in physics.steps(data, 1):", "    mujoco.mj_step(model, data)",
     ]  # fmt: skip
+
+
+def details(report: Report) -> list[tuple[str, str]]:
+    """The fits' numbers by name."""
+    named = {DETAILS.get(key, key.replace("_", " ")): value for key, value in report.details.items()}
+    items = {"held out": ", ".join(report.held_out), **named, "schema": report.schema}
+    return [(name, _plain(value)) for name, value in items.items()]
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_plain(item)}" for key, item in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_plain, value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -8,6 +8,7 @@
   };
   const config = { displaylogo: false, responsive: true, displayModeBar: "hover", modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
   const still = { displayModeBar: false, responsive: true };
+  const plain = (text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;"); /* Plotly reads its texts as HTML. */
   const narrow = () => window.innerWidth < 560;
 
   /* What all plots share. */
@@ -76,7 +77,7 @@
       });
       const small = joint.unit === "rad" ? "mrad" : "mm";
       heights.push(170, 100);
-      titles.push(`${joint.name} (${joint.unit})`, `error (${small})`);
+      titles.push(`${plain(joint.name)} (${joint.unit})`, `error (${small})`);
       names.push(joint.name, joint.name);
     });
     const layout = rows(heights, titles);
@@ -86,7 +87,7 @@
   };
 
   const drawResiduals = (box, i) => {
-    const piece = data.residuals[i], time = floats(piece.time), traces = [], layout = rows(data.joints.map(() => 170), data.joints.map((j) => j.name));
+    const piece = data.residuals[i], time = floats(piece.time), traces = [], layout = rows(data.joints.map(() => 170), data.joints.map((j) => plain(j.name)));
     data.joints.forEach((joint, j) => {
       const before = floats(piece.before[j]), after = floats(piece.after[j]);
       if (data.differs) traces.push(line("before", time, before, j, "refitted", 1.3, j === 0));
@@ -123,12 +124,12 @@
         fill: "tozeroy", fillcolor: colour(css) + "26", hovertemplate: "%{y:.3f}<extra>" + name + "</extra>",
       }));
       bars.push({ type: "scatter", mode: "lines", name: "noise", x: data.bins, y: data.bins.map((x) => Math.exp(-x * x / 2) / Math.sqrt(2 * Math.PI)), line: { color: colour("ink"), width: 1, dash: "dot" }, hoverinfo: "skip" });
-      const left = base(`${joint.name}, within ±2: ${said}`);
+      const left = base(`${plain(joint.name)}, within ±2: ${said}`);
       left.xaxis = axis({ title: { text: "residual", standoff: 4 }, range: [-5, 5] });
       left.yaxis = axis({ rangemode: "tozero", showticklabels: false });
       Plotly.react(cells[0], bars, left, still);
       const lags = white.after.correlation.map((_, k) => k), limit = 1.96 / Math.sqrt(Math.max(1, white.number));
-      const right = base(`${joint.name}, autocorrelation`);
+      const right = base(`${plain(joint.name)}, autocorrelation`);
       right.xaxis = axis({ title: { text: "lag (samples)", standoff: 4 }, range: [0.3, lags.length - 0.5] });
       const values = which.flatMap(([key]) => white[key].correlation.slice(1));
       right.yaxis = axis({ range: [Math.min(-0.25, ...values) * 1.1, Math.max(0.25, ...values) * 1.1] });

@@ -1,8 +1,8 @@
 """The numbers behind the page's plots, as JSON."""
 
 import base64
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
@@ -14,16 +14,20 @@ from keycld_model.diagnosis.verdict.evidence import Evidence, Residuals, Rollout
 from keycld_model.diagnosis.verdict.report import Finding, Report
 
 Array = NDArray[np.float64]
+Json: TypeAlias = "str | int | float | bool | Mapping[str, Json] | Sequence[Json] | None"
+"""A value of JSON."""
 MOST, MOVING = 280_000, 150_000
 """Numbers in the plots and in the animations of a page, which keep it below 8 MB; more is thinned, or left out."""
 FRAMES = 400
 """Of an animation at most."""
 LAGS = 20
+"""Samples up to which residuals are correlated with themselves."""
 BINS = np.linspace(-5, 5, 41)
+"""Edges of the histograms of residuals over the sensor's noise."""
 
 
-def plot_data(report: Report, evidence: Evidence) -> dict[str, Any]:
-    """Everything that page.js draws."""
+def plot_data(report: Report, evidence: Evidence) -> dict[str, Json]:
+    """Everything that page.js draws; lines are packed as 32-bit floats in base 64."""
     model = evidence.nominal
     numbers = sum(3 * r.measured.size + len(r.time) for r in evidence.rollouts)
     numbers += sum(2 * r.before.size + len(r.time) for r in evidence.residuals)
@@ -41,7 +45,7 @@ def plot_data(report: Report, evidence: Evidence) -> dict[str, Any]:
     }
 
 
-def _rollout(rollout: Rollout, every: int) -> dict[str, Any]:
+def _rollout(rollout: Rollout, every: int) -> dict[str, Json]:
     keep, breaks = _kept(len(rollout.time), rollout.starts, every)
     lines = {"measured": rollout.measured, "refitted": rollout.refitted, "corrected": rollout.corrected}
     return {
@@ -51,7 +55,7 @@ def _rollout(rollout: Rollout, every: int) -> dict[str, Any]:
     }
 
 
-def _residuals(residuals: Residuals, every: int) -> dict[str, Any]:
+def _residuals(residuals: Residuals, every: int) -> dict[str, Json]:
     keep, breaks = _kept(len(residuals.time), residuals.starts, every)
     return {
         "id": residuals.recording,
@@ -61,7 +65,7 @@ def _residuals(residuals: Residuals, every: int) -> dict[str, Any]:
     }
 
 
-def _mechanism(model: mujoco.MjModel, rollouts: tuple[Rollout, ...]) -> dict[str, Any]:
+def _mechanism(model: mujoco.MjModel, rollouts: tuple[Rollout, ...]) -> dict[str, Json]:
     """Links, and their ends in a plane over recordings, frame by frame, for the first recordings that fit."""
     shape, clips, budget = skeleton(model), [], MOVING
     for rollout in rollouts:
@@ -79,16 +83,13 @@ def _mechanism(model: mujoco.MjModel, rollouts: tuple[Rollout, ...]) -> dict[str
     }
 
 
-def _whiteness(evidence: Evidence, joint: int) -> dict[str, Any]:
+def _whiteness(evidence: Evidence, joint: int) -> dict[str, Json]:
     """Histograms, autocorrelations and the share within two standard deviations, of a joint's residuals."""
-    out: dict[str, Any] = {}
-    for name in ("before", "after"):
-        pieces = [
-            piece
-            for r in evidence.residuals
-            for piece in np.split(np.asarray(getattr(r, name))[:, joint], r.starts[1:])
-            if len(piece) > LAGS
-        ]
+    out: dict[str, Json] = {}
+    sides = {name: [getattr(r, name)[:, joint] for r in evidence.residuals] for name in ("before", "after")}
+    for name, residuals in sides.items():
+        split = (np.split(z, r.starts[1:]) for z, r in zip(residuals, evidence.residuals, strict=True))
+        pieces = [piece for parts in split for piece in parts if len(piece) > LAGS]
         z = np.concatenate(pieces) if pieces else np.zeros(0)
         z = z[np.isfinite(z)]
         counts, _ = np.histogram(np.clip(z, -4.999, 4.999), BINS)
@@ -112,17 +113,14 @@ def _correlation(pieces: list[Array]) -> list[float]:
     return out
 
 
-def _when(number: int, finding: Finding) -> dict[str, Any]:
+def _when(number: int, finding: Finding) -> dict[str, Json]:
     """Intervals to shade: for all recordings under "*", else by recording."""
-    by_recording: Mapping[str, Any] = getattr(finding, "when_by_recording", None) or {}
-    intervals = {str(key): [list(map(float, pair)) for pair in pairs or ()] for key, pairs in by_recording.items()}
-    if finding.when and not intervals:
-        intervals["*"] = [list(map(float, pair)) for pair in finding.when]
+    intervals = finding.when_by_recording or ({"*": finding.when} if finding.when else {})
     return {
         "number": number,
         "title": effect_name(finding.effect),
         "joint": finding.where["name"] if finding.where["kind"] == "joint" else None,
-        "intervals": intervals,
+        "intervals": {key: [[float(t) for t in span] for span in spans] for key, spans in intervals.items()},
     }
 
 
