@@ -1,7 +1,9 @@
 """corrected.xml is the fitted simulator, to the last digit, in MuJoCo's own words."""
 
+import shutil
 from pathlib import Path
 
+import imageio.v3 as iio
 import mujoco
 import numpy as np
 import pytest
@@ -153,6 +155,89 @@ def native_order(simulator: Source, zone: Effect, gain: Effect, folder: Path) ->
     written = write_corrected(fitted(simulator, zone, gain), simulator, folder / "other.xml")
     assert (written.effects, written.others) == ([gain], [zone])
     return mujoco.MjModel.from_xml_path(str(folder / "other.xml"))
+
+
+ASSETS = """
+<mujoco>
+  <compiler meshdir="meshes" texturedir="textures"/>
+  <asset>
+    <mesh name="one" file="a.obj"/><mesh name="two" file="sub/a.obj"/><mesh name="again" file="a.obj" scale="2 2 2"/>
+    <texture name="flat" type="2d" file="p.png"/>
+    <texture name="sky" type="skybox" fileright="p.png" fileleft="p.png" fileup="p.png" filedown="p.png"
+      filefront="sub/p.png" fileback="p.png"/>
+    <hfield name="ground" file="h.png" size="1 1 1 .1"/>
+  </asset>
+  <worldbody>
+    <geom type="hfield" hfield="ground" contype="0" conaffinity="0"/>
+    <body name="a"><joint name="a" axis="0 1 0"/><geom type="mesh" mesh="one"/>
+      <body name="b" pos="0 0 -.3"><joint name="b" axis="0 1 0"/><geom type="mesh" mesh="two"/></body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+NAMES = {"a.obj", "a_2.obj", "p.png", "p_2.png", "h.png"}
+
+
+def files() -> dict[str, bytes]:
+    """What `ASSETS` refers to; names come twice."""
+    corners = "v 0 0 0\nv {0} 0 0\nv 0 .1 0\nv 0 0 -.2\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    out = {f"meshes/{name}": corners.format(x).encode() for name, x in (("a.obj", 0.1), ("sub/a.obj", 0.3))}
+    for name, grey in (("textures/p.png", 10), ("textures/sub/p.png", 99), ("meshes/h.png", 50)):
+        out[name] = iio.imwrite("<bytes>", np.full((8, 8, 3), grey, dtype=np.uint8), extension=".png")
+    return out
+
+
+@pytest.fixture
+def original(tmp_path) -> Path:
+    """An MJCF file with its assets, in a folder."""
+    for name, content in {"x.xml": ASSETS.encode(), **files()}.items():
+        (tmp_path / "original" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "original" / name).write_bytes(content)
+    return tmp_path / "original" / "x.xml"
+
+
+@pytest.mark.parametrize("held", ["in files", "in memory"])
+def test_assets_lie_beside_the_file_and_move_with_it(held, original, tmp_path):
+    first, moved = tmp_path / "first", tmp_path / "moved"
+    simulator = Source.of_file(original)
+    if held == "in memory":
+        simulator = Source(simulator.model, ASSETS, files())
+        shutil.rmtree(original.parent)
+    write_corrected(fitted(simulator, ViscousFriction("b", b=0.1)), simulator, first / "corrected.xml")
+    assert {p.name for p in first.iterdir()} == {"corrected.xml", "corrected_assets"}
+    assert {p.name for p in (first / "corrected_assets").iterdir()} == NAMES
+    assert str(tmp_path) not in (first / "corrected.xml").read_text()
+    shutil.rmtree(original.parent, ignore_errors=True)
+    first.rename(moved)
+    got = mujoco.MjModel.from_xml_path(str(moved / "corrected.xml"))
+    assert got.dof_damping.tolist() == [0, 0.1]
+    for name in ("mesh_vert", "tex_data", "hfield_data", "geom_dataid"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(simulator.model, name))
+
+
+def test_an_asset_that_is_gone_is_named_and_there_is_no_file(original, tmp_path):
+    simulator = Source.of_file(original)
+    (original.parent / "meshes/h.png").unlink()
+    with pytest.raises(InputError, match=r"h\.png"):
+        write_corrected(fitted(simulator), simulator, tmp_path / "out" / "corrected.xml")
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_asset_that_mujoco_loses_is_named_and_there_is_no_file(original, tmp_path):
+    """It writes the file of an attached model's mesh without the model's folder."""
+    inner = (
+        '<mujoco><compiler meshdir="meshes/sub"/><asset><mesh name="m" file="a.obj"/></asset><worldbody><body name="c">'
+    )
+    inner += '<joint name="c" axis="0 1 0"/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    original.with_name("inner.xml").write_text(inner)
+    outer = (
+        '<mujoco><asset><model name="i" file="inner.xml"/></asset><worldbody><attach model="i" body="c" prefix="i_"/>'
+    )
+    original.write_text(outer + "</worldbody></mujoco>")
+    simulator = Source.of_file(original)
+    with pytest.raises(InputError, match=r"a\.obj"):
+        write_corrected(fitted(simulator), simulator, tmp_path / "out" / "corrected.xml")
+    assert not (tmp_path / "out").exists()
 
 
 def test_without_mjcf_there_is_no_file(tmp_path):

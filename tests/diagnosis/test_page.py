@@ -47,7 +47,7 @@ def report() -> Report:
     """Of a pendulum whose simulator lacks viscous friction, as a diagnosis would report it."""
     rng, model, missing = np.random.default_rng(0), get_system("pendulum").compile(), ViscousFriction("hinge", b=0.1)
     refitted, corrected = swing(model), swing(with_effects(model, [missing]))
-    time, starts = 0.01 * np.arange(len(refitted)), np.arange(0, len(refitted), 40)
+    time, starts = np.linspace(0, 1.59, len(refitted)), np.arange(0, len(refitted), 40)
     rollouts, residuals = [], []
     for run in range(3):
         measured = corrected + NOISE * rng.normal(size=corrected.shape)

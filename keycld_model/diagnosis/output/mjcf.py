@@ -1,6 +1,8 @@
 """The corrected simulator as an ordinary MJCF file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from os.path import normpath
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -36,7 +38,8 @@ def write_corrected(evidence: Evidence, source: Source, path: Path) -> Native:
     Args:
         evidence: of a diagnosis.
         source: of the simulator that was diagnosed.
-        path: the file; what its MJCF refers to by name and the source holds in memory is written beside it.
+        path: the file. Its meshes, textures and height fields are copied to a folder beside it, `corrected_assets` for
+            `corrected.xml`, and named relative to it, so that the two can be moved together.
 
     Returns:
         What is in the file, and what is not.
@@ -45,27 +48,27 @@ def write_corrected(evidence: Evidence, source: Source, path: Path) -> Native:
         InputError: if the MJCF is not known, or cannot be written without loss.
     """
     written = native(evidence.refitted, evidence.effects)
-    xml = corrected_xml(written, source)
-    for name, content in source.assets.items():
-        if not name.endswith(".xml"):
-            with atomic_file(path.parent / name) as file:
-                file.write(content)
+    xml, assets = corrected_xml(written, source, f"{path.stem}_assets")
+    for name, content in assets.items():
+        with atomic_file(path.parent / name) as file:
+            file.write(content)
     with atomic_file(path, "w") as file:
         file.write(xml)
     return written
 
 
-def corrected_xml(written: Native, source: Source) -> str:
-    """The text of the file; see `write_corrected`."""
+def corrected_xml(written: Native, source: Source, folder: str) -> tuple[str, dict[str, bytes]]:
+    """The text of the file, and the assets that it names in a folder beside it; see `write_corrected`."""
     spec, target = source.spec(), written.model
     spec.compiler.inertiafromgeom, spec.compiler.settotalmass = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO, -1
     spec.compiler.balanceinertia, spec.compiler.boundmass, spec.compiler.boundinertia = 0, 0, 0
     spec.option.timestep, spec.option.integrator = target.opt.timestep, target.opt.integrator
     spec.option.gravity, spec.option.disableflags = target.opt.gravity, target.opt.disableflags
-    spec.compile()
-    text = spec.to_xml()
-    rough = _compiled(text, source)
-    root = ElementTree.fromstring(text)
+    with _explained():
+        spec.compile()
+    root = ElementTree.fromstring(spec.to_xml())
+    assets = _collected(root, source, folder)
+    rough = _compiled(ElementTree.tostring(root, encoding="unicode"), assets)
     _options(root, target)
     names = [rough.body(b).name for b in range(rough.nbody)], [target.body(b).name for b in range(target.nbody)]
     if len(names[0]) != len(names[1]) or any(b and a != b for a, b in zip(*names, strict=True)):
@@ -84,14 +87,57 @@ def corrected_xml(written: Native, source: Source) -> str:
     _loops(root, rough, target)
     ElementTree.indent(root)
     out = _comment(written) + ElementTree.tostring(root, encoding="unicode") + "\n"
-    _verify(_compiled(out, source), target)
+    _verify(_compiled(out, assets), target)
+    return out, assets
+
+
+def _collected(root: Element, source: Source, folder: str) -> dict[str, bytes]:
+    """The content of all files that assets refer to, by the new names in a folder that the assets get."""
+    compiler, out = root.find("compiler"), {}
+    given = {} if compiler is None else compiler.attrib
+    folders = {kind: given.pop(kind, "") for kind in ("meshdir", "texturedir")}
+    for asset in root.findall("asset/*"):
+        for attribute in [name for name in asset.attrib if name.startswith("file")]:
+            old = Path(folders["texturedir" if asset.tag == "texture" else "meshdir"], asset.attrib[attribute])
+            content, number, new = _content(old, source), 1, f"{folder}/{old.name}"
+            while out.setdefault(new, content) != content:  # another file of that name
+                number, new = number + 1, f"{folder}/{old.stem}_{number + 1}{old.suffix}"
+            asset.set(attribute, new)
     return out
 
 
-def _compiled(text: str, source: Source) -> Model:
-    """Raise InputError if MuJoCo does not read what it has written."""
+def _content(path: Path, source: Source) -> bytes:
+    """Of a file that the source holds in memory, or of one on disk.
+
+    Raises:
+        InputError: if it is in neither.
+    """
+    held = {normpath(name): content for name, content in source.assets.items()}
+    for name in (normpath(path), path.name):
+        if name in held:
+            return held[name]
+    if not path.is_file():
+        raise InputError(
+            f"corrected.xml cannot be written: {path}, to which the MJCF refers, is no file; put it there."
+        )
+    return path.read_bytes()
+
+
+def _compiled(text: str, assets: Mapping[str, bytes]) -> Model:
+    """Compile what MuJoCo has written.
+
+    Raises:
+        InputError: if MuJoCo does not read it.
+    """
+    with _explained():
+        return mujoco.MjModel.from_xml_string(text, dict(assets))
+
+
+@contextmanager
+def _explained() -> Iterator[None]:
+    """Raise an InputError in place of MuJoCo's errors."""
     try:
-        return mujoco.MjModel.from_xml_string(text, dict(source.assets))
+        yield
     except ValueError as error:
         raise InputError(
             f"corrected.xml cannot be written: {error}; use report.json with the original file."
@@ -121,7 +167,7 @@ def _options(root: Element, target: Model) -> None:
 
 
 def _body(element: Element, rough: Model, target: Model) -> None:
-    """Place and inertia."""
+    """Write where a body is, and its inertia."""
     b = rough.body(str(element.get("name"))).id
     frame = ("body_pos", "body_quat")
     if any(_differs(rough, target, name, b) for name in frame):
@@ -170,7 +216,7 @@ def _actuator(element: Element, rough: Model, target: Model) -> None:
 
 
 def _loops(root: Element, rough: Model, target: Model) -> None:
-    """Points that close loops; between sites, where MuJoCo would put them elsewhere."""
+    """Write the points that close loops; as sites, where MuJoCo would put them elsewhere."""
     elements = root.findall("equality/*")
     for i in connections(target):
         points = list(zip(bodies(target, i), anchors(target, i), anchors(rough, i), strict=True))
