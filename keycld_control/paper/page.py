@@ -1,16 +1,14 @@
 """The self-contained page, and the Markdown file."""
 
 import base64
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from html import escape
 from itertools import chain, cycle
 from pathlib import Path
-from string import Template
 
 import numpy as np
 import plotly.graph_objects as go
+from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
@@ -36,44 +34,52 @@ from keycld_control.paper.tables import (
     with_measure,
 )
 from keycld_envs.files import atomic_file
+from keycld_envs.templates import templates
 
 COLOURS = ("#1f6f9f", "#d08a1d", "#5b8a3a", "#b23a48", "#7b5aa6", "#555555")
-PAGE = Template("""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>KeyCLD: the paper anew</title><style>
-body{font:16px/1.5 system-ui,sans-serif;max-width:72rem;margin:2rem auto;padding:0 1.5rem;color:#222;background:#fcfbf7}
-h1,h2,h3{font-family:Georgia,serif;line-height:1.2}h2{margin-top:3rem}
-table{border-collapse:collapse;font-variant-numeric:tabular-nums;margin:1rem 0}
-th,td{text-align:left;padding:.3rem .9rem .3rem 0;border-bottom:1px solid #ddd}th{font-weight:600}
-p.note{color:#666;max-width:46rem;font-size:.9rem}figure{margin:1rem 0}figcaption{color:#666;font-size:.9rem}
-img{width:100%;image-rendering:pixelated}div.wide{overflow-x:auto}
-</style><script>$plotly</script></head><body>
-<h1>KeyCLD: the paper anew</h1>
-<p>$about</p>
-$body
-</body></html>
-""")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What stands below a table.
+
+    Attributes:
+        title: above it.
+        plot: of Plotly, as HTML.
+        images: captions, and PNG files in base 64.
+    """
+
+    title: str
+    plot: Markup | None = None
+    images: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
 class Section:
-    """A table, and the pictures that belong to it, as HTML; they are drawn when they are asked for."""
+    """A table, and the pictures that belong to it, which are drawn when they are asked for."""
 
     table: Table
-    pictures: Iterable[str] = ()
+    pictures: Iterable[Picture] = ()
 
 
 def write_report(out: Path, results: Sequence[Result]) -> None:
     """Write report.html and report.md from what has been measured so far."""
     made = [section for section in sections(out, results) if section.table.rows]
-    number = f"{len(results)} model{'s' if len(results) != 1 else ''}"
-    about = f"{number} measured: {_number(results)}. Written by <code>keycld paper</code>."
-    body = [text for section in made for text in (_table(section.table), *section.pictures)]
-    page = PAGE.substitute(plotly=get_plotlyjs(), about=about, body="\n".join(body))
     with atomic_file(out / "report.html", "w") as file:
-        file.write(page)
+        file.write(html_page(_number(results), made))
     with atomic_file(out / "report.md", "w") as file:
         file.write("# KeyCLD: the paper anew\n\n" + "\n".join(section.table.markdown() for section in made))
+
+
+def html_page(measured: str, sections: Sequence[Section]) -> str:
+    """The text of report.html.
+
+    Args:
+        measured: how much was measured, in words.
+        sections: from top to bottom.
+    """
+    page = templates("keycld_control.paper").get_template("report.html")
+    return page.render(plotly=Markup(get_plotlyjs()), measured=measured, sections=sections)
 
 
 def sections(out: Path, results: Sequence[Result]) -> Iterator[Section]:
@@ -93,7 +99,7 @@ def sections(out: Path, results: Sequence[Result]) -> Iterator[Section]:
     yield Section(sooner(results))
 
 
-def _curves(results: Sequence[Result]) -> Iterator[str]:
+def _curves(results: Sequence[Result]) -> Iterator[Picture]:
     if all("failure" in r for r in results):
         return
     systems, named = measured(results), set[str]()
@@ -121,7 +127,7 @@ def _curves(results: Sequence[Result]) -> Iterator[str]:
     yield _figure("Error of predicted frames over time, first seed (figure 3)", figure)
 
 
-def _amounts(results: Sequence[Result]) -> Iterator[str]:
+def _amounts(results: Sequence[Result]) -> Iterator[Picture]:
     if all(r["sequences"] == WHOLE for r in results):
         return
     figure = go.Figure()
@@ -138,7 +144,7 @@ def _amounts(results: Sequence[Result]) -> Iterator[str]:
     yield _figure("Valid prediction time by number of training sequences", figure)
 
 
-def _potentials(results: Sequence[Result]) -> Iterator[str]:
+def _potentials(results: Sequence[Result]) -> Iterator[Picture]:
     sweeps = [
         (system, sweep) for system, found in with_measure(results, "potential") for sweep in found[0]["potential"]
     ]
@@ -162,7 +168,7 @@ def _potentials(results: Sequence[Result]) -> Iterator[str]:
     yield _figure("Potential energy, first seed (figures 8 to 12)", figure)
 
 
-def _memories(results: Sequence[Result]) -> Iterator[str]:
+def _memories(results: Sequence[Result]) -> Iterator[Picture]:
     measured = [(system, found[0]["memory"]) for system, found in with_measure(results, "memory")]
     figure = make_subplots(1, len(measured), subplot_titles=[system for system, _ in measured])
     for c, (_, memory) in enumerate(measured, 1):
@@ -175,7 +181,7 @@ def _memories(results: Sequence[Result]) -> Iterator[str]:
     yield _figure("Error of test recordings against their distance to training recordings, first seed", figure)
 
 
-def _swing_ups(out: Path, results: Sequence[Result]) -> Iterator[str]:
+def _swing_ups(out: Path, results: Sequence[Result]) -> Iterator[Picture]:
     pictures = [
         (f"{system}-default-{r['seed']}-swing-up", f"{system}: from hanging to where it stays; last, the target image")
         for system in measured(results)
@@ -184,7 +190,7 @@ def _swing_ups(out: Path, results: Sequence[Result]) -> Iterator[str]:
     return _pictures("Swing-up (figure 5)", out, pictures)
 
 
-def _strips(out: Path, results: Sequence[Result]) -> Iterator[str]:
+def _strips(out: Path, results: Sequence[Result]) -> Iterator[Picture]:
     about = "every fourth frame; truth above, prediction below"
     pictures = [
         (f"{system}-{preset}-{r['seed']}", f"{system}, {TITLES[preset]}: {about}")
@@ -195,37 +201,24 @@ def _strips(out: Path, results: Sequence[Result]) -> Iterator[str]:
     return _pictures("Frames (figures 4, 13 to 15)", out, pictures)
 
 
-def _pictures(title: str, out: Path, pictures: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """A heading, and the pictures that are there, by name and caption."""
+def _pictures(title: str, out: Path, pictures: Sequence[tuple[str, str]]) -> Iterator[Picture]:
+    """Those of the pictures that are there, by name and caption."""
     there = [(path, caption) for name, caption in pictures if (path := out / "strips" / f"{name}.png").is_file()]
     if there:
-        yield f"<h3>{escape(title)}</h3>"
-    for path, caption in there:
-        image = base64.b64encode(path.read_bytes()).decode("ascii")
-        yield (
-            f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{image}">'
-            f"<figcaption>{escape(caption)}</figcaption></figure>"
-        )
+        images = ((caption, base64.b64encode(path.read_bytes()).decode("ascii")) for path, caption in there)
+        yield Picture(title, images=tuple(images))
 
 
-def _figure(title: str, figure: go.Figure) -> str:
-    return f"<h3>{escape(title)}</h3>{figure.to_html(include_plotlyjs=False, full_html=False)}"
-
-
-def _table(table: Table) -> str:
-    head = "".join(f"<th>{escape(c)}</th>" for c in table.columns)
-    note = re.sub("`(.*?)`", r"<code>\1</code>", escape(table.note))
-    rows = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in table.rows)
-    return (
-        f'<h2>{escape(table.title)}</h2><div class="wide"><table><tr>{head}</tr>{rows}</table></div>'
-        f'<p class="note">{note}</p>'
-    )
+def _figure(title: str, figure: go.Figure) -> Picture:
+    return Picture(title, Markup(figure.to_html(include_plotlyjs=False, full_html=False)))
 
 
 def _number(results: Sequence[Result]) -> str:
+    """How much was measured."""
     failed = sum("failure" in r for r in results)
-    seeds = len({r["seed"] for r in results})
-    return _counted(seeds, "seed") + (f", {_counted(failed, 'training')} failed" if failed else "")
+    parts = [_counted(len({r["seed"] for r in results}), "seed")]
+    parts += [f"{_counted(failed, 'training')} failed"] if failed else []
+    return f"{_counted(len(results), 'model')} measured: {', '.join(parts)}"
 
 
 def _counted(number: int, noun: str) -> str:

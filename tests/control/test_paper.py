@@ -20,7 +20,7 @@ from keycld_control.paper.measures.masses import equivalent_masses, learned_mass
 from keycld_control.paper.measures.memory import distances
 from keycld_control.paper.measures.potential import potential, sweeps_of
 from keycld_control.paper.measures.speed import speed
-from keycld_control.paper.page import write_report
+from keycld_control.paper.page import Picture, Section, html_page, write_report
 from keycld_control.paper.plan import AMOUNTS, Training, trainings
 from keycld_control.paper.recordings import PARTS
 from keycld_control.paper.tables import Table, amounts, integrators, interval, vpt
@@ -252,6 +252,18 @@ def test_the_page_needs_nothing_else(report, capsys):
     assert "KeyCLD-NC" in page and "pole turns" in page and sorted(order, key=page.index) == order
     assert 'src="http' not in page and "<link" not in page
     assert "| KeyCLD | pendulum | 0.38 |" in (report / "report.md").read_text()
+
+
+def test_words_of_tables_and_captions_are_escaped():
+    table = Table("a < b", "of `x<y>` & z", ("<i>",), (("<td>",),))
+    page = html_page("1 > 0", [Section(table, [Picture("<u>", images=(('">', "cGljdHVyZQ=="),))])])
+    page = page.replace(get_plotlyjs(), "")
+    for part in (
+        "<p>1 &gt; 0", "<h2>a &lt; b</h2>", "<th>&lt;i&gt;</th>", "<td>&lt;td&gt;</td>", "<h3>&lt;u&gt;</h3>",
+        '<p class="note">of <code>x&lt;y&gt;</code> &amp; z</p>', "<figcaption>&#34;&gt;</figcaption>",
+        '<img alt="&#34;&gt;" src="data:image/png;base64,cGljdHVyZQ==">',
+    ):  # fmt: skip
+        assert page.count(part) == 1, part
 
 
 def test_the_report_in_the_documentation_is_of_its_figures(tmp_path):

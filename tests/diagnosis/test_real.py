@@ -1,11 +1,13 @@
 """Real recordings: their import, the protocol of the gates, and how they are scored."""
 
 import os
+import re
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from plotly.offline import get_plotlyjs
 
 from keycld_control.benchmarks.real import GATES, Curve, GateResult, dfki, r1, r2, r3, r4, r6
 from keycld_control.benchmarks.real.plots import write_page
@@ -80,11 +82,13 @@ def test_rigs_have_the_inertias_of_their_owners() -> None:
 
 def test_the_page_of_a_gate_shows_what_was_required(tmp_path: Path) -> None:
     t = np.linspace(0, 1, 20)
-    curve = Curve("run, hinge", "rad", t, np.sin(t), {"refitted": np.sin(t) + 0.1, "corrected": np.sin(t)})
-    write_page(GateResult("R9", "a rig", "to swing", "swings", False, {}, 1.0, curves=[curve]), tmp_path / "R9.html")
-    page = (tmp_path / "R9.html").read_text()
-    assert "required: to swing" in page and "not reached" in page and "run, hinge" in page
-    assert "https://cdn" not in page.split("<script")[1]
+    curve = Curve("run <1>, hinge", "rad", t, np.sin(t), {"refitted": np.sin(t) + 0.1, "corrected": np.sin(t)})
+    result = GateResult("R9", "a rig & <b>more", "< 2 mrad", "3 mrad", False, {}, 1.0, curves=[curve])
+    write_page(result, tmp_path / "R9.html")
+    page = (tmp_path / "R9.html").read_text().replace(get_plotlyjs(), "")
+    assert '<h1 data-passed="false">R9, a rig &amp; &lt;b&gt;more' in page
+    assert re.search('<p id="required">.*&lt; 2 mrad</p>', page) and re.search('<p id="reached">.*3 mrad</p>', page)
+    assert "lt;1" in page and "<1>" not in page and not re.search('src="http|<link', page)
 
 
 def test_gates_that_ran_are_told_if_a_later_one_cannot(

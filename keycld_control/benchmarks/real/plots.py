@@ -2,11 +2,16 @@
 
 from pathlib import Path
 
+import numpy as np
 import plotly.graph_objects as go
+from markupsafe import Markup, escape
+from numpy.typing import NDArray
+from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from keycld_control.benchmarks.real.gate import GateResult
 from keycld_envs.files import atomic_file
+from keycld_envs.templates import templates
 
 COLOURS = {"measured": "#222222", "refitted": "#d1495b", "corrected": "#00798c"}
 
@@ -14,7 +19,7 @@ COLOURS = {"measured": "#222222", "refitted": "#d1495b", "corrected": "#00798c"}
 def write_page(result: GateResult, path: Path) -> None:
     """Write a self-contained HTML file; it needs no network."""
     rows = len(result.curves)
-    titles = [text for curve in result.curves for text in (curve.title, "measured minus predicted")]
+    titles = [text for curve in result.curves for text in (str(escape(curve.title)), "measured minus predicted")]
     figure = make_subplots(
         rows=rows, cols=2, subplot_titles=titles, shared_xaxes=True, vertical_spacing=0.3 / max(rows, 2)
     )
@@ -25,14 +30,14 @@ def write_page(result: GateResult, path: Path) -> None:
             figure.add_trace(_line(curve.time, curve.measured - predicted, name, False), row, 2)
         figure.update_yaxes(title_text=curve.unit, row=row)
     figure.update_xaxes(title_text="s", row=rows)
-    verdict = "passed" if result.passed else "not reached"
-    title = f"{result.gate}, {result.title}: {verdict}<br><sub>required: {result.required}</sub>"
-    figure.update_layout(title=title, template="plotly_white", height=160 + 260 * rows, margin={"t": 110})
+    figure.update_layout(template="plotly_white", height=110 + 260 * rows, margin={"t": 60})
+    plot = figure.to_html(include_plotlyjs=False, full_html=False)
+    page = templates("keycld_control.benchmarks.real").get_template("gate.html")
     with atomic_file(path, "w") as file:
-        file.write(figure.to_html(include_plotlyjs=True, full_html=True))
+        file.write(page.render(result=result, plot=Markup(plot), plotly=Markup(get_plotlyjs())))
 
 
-def _line(x: object, y: object, name: str, legend: bool) -> go.Scatter:
+def _line(x: NDArray[np.float64], y: NDArray[np.float64], name: str, legend: bool) -> go.Scatter:
     return go.Scatter(
         x=x,
         y=y,
