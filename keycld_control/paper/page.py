@@ -202,7 +202,7 @@ def _strips(out: Path, results: Sequence[Result]) -> Iterator[Picture]:
 
 
 def _pictures(title: str, out: Path, pictures: Sequence[tuple[str, str]]) -> Iterator[Picture]:
-    """Those of the pictures that are there, by name and caption."""
+    """Images out of names and captions, as far as their files are there."""
     there = [(path, caption) for name, caption in pictures if (path := out / "strips" / f"{name}.png").is_file()]
     if there:
         images = ((caption, base64.b64encode(path.read_bytes()).decode("ascii")) for path, caption in there)

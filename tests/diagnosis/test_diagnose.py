@@ -144,7 +144,9 @@ def test_two_effects_at_once_and_the_masses_of_an_arm_of_ones_own(tmp_path):
     assert corrected.body_mass[2] / model.body_mass[2] == pytest.approx(1.1, abs=0.05)
     assert corrected.dof_damping == pytest.approx([0.02, 0, 0], abs=0.005)
     assert 'ConstantForce("c", f=0.0' in (out / "corrected.xml").read_text()
-    assert "joint a has viscous friction" in (out / "report.html").read_text().lower()
+    page = (out / "report.html").read_text()
+    for f in report["findings"]:
+        assert f'data-effect="{f["effect"]}" data-kind="joint" data-place="{f["where"]["name"]}"' in page
     assert model.body_mass[2] == mujoco.MjModel.from_xml_path(str(mjcf)).body_mass[2]
 
 

@@ -107,7 +107,7 @@ def _collected(root: Element, source: Source, folder: str) -> dict[str, bytes]:
 
 
 def _content(path: Path, source: Source) -> bytes:
-    """Of a file that the source holds in memory, or of one on disk.
+    """The content of a file that the source holds in memory, or of one on disk.
 
     Raises:
         InputError: if it is in neither.
@@ -240,12 +240,16 @@ def _differs(rough: Model, target: Model, name: str, index: int) -> bool:
 
 
 def _text(value: float | Sequence[float] | NDArray[np.float64]) -> str:
-    """Every digit, without trailing zeros of an array."""
+    """Numbers with every digit, separated by spaces."""
     return " ".join(repr(float(x)) for x in np.atleast_1d(np.asarray(value, dtype=np.float64)))
 
 
 def _verify(got: Model, target: Model) -> None:
-    """Raise InputError if the file is not the model."""
+    """Compare what the file compiles to with the model that it should hold.
+
+    Raises:
+        InputError: if they differ.
+    """
     for name in (name for names in COPIED.values() for name in names):
         a, b = getattr(got, name), getattr(target, name)
         if a.shape != b.shape or not np.allclose(a, b, rtol=1e-12, atol=1e-12):

@@ -21,7 +21,7 @@ GHOSTS, LAPSE = 4, 0.07
 
 
 def draw(model: mujoco.MjModel, time: Array, q: Array, marks: Sequence[Mark]) -> Element:
-    """An SVG element.
+    """Draw a mechanism as an SVG element.
 
     Args:
         model: of hinges and slides.
@@ -60,7 +60,7 @@ def draw(model: mujoco.MjModel, time: Array, q: Array, marks: Sequence[Mark]) ->
 
 
 def _described(model: mujoco.MjModel, marks: Sequence[Mark]) -> str:
-    """For those who do not see the drawing."""
+    """The drawing in words, for those who do not see it."""
     joints = ", ".join(f"{model.joint(j).name} ({_kind(model, j)})" for j in range(model.njnt))
     found = "; ".join(f"{m.title} at {m.name}" for m in marks) or "nothing"
     return f"A schematic drawing of a mechanism with the joints {joints}. Marked: {found}."
@@ -104,7 +104,7 @@ def _reach(shape: Skeleton, q: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Frame:
-    """From metres to the view box."""
+    """A map from metres to the view box."""
 
     centre: Array
     scale: float
@@ -129,7 +129,7 @@ def _kind(model: mujoco.MjModel, joint: int) -> str:
 
 
 def _motors(model: mujoco.MjModel, joint: int) -> list[str]:
-    """Actuators of a joint."""
+    """Names of the actuators of a joint."""
     kinds = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
     return [
         model.actuator(i).name
@@ -139,7 +139,7 @@ def _motors(model: mujoco.MjModel, joint: int) -> list[str]:
 
 
 def _drawn_links(shape: Skeleton, points: Array) -> list[tuple[int, Array, Array]]:
-    """Body and ends of links that are long enough to be seen."""
+    """Bodies and ends of the links that are long enough to be seen."""
     least = NEAR * max(float(np.ptp(points, axis=0).max()), 1.0)
     ends = [(link.body, points[link.start], points[link.end]) for link in shape.links]
     return [(body, a, b) for body, a, b in ends if np.linalg.norm(b - a) > least]
@@ -209,7 +209,7 @@ def _joints(shape: Skeleton, points: Array, q: Array, marks: Sequence[Mark]) -> 
 
 
 def _labels(shape: Skeleton, points: Array, marks: Sequence[Mark], weight_at: Array) -> list[Label]:
-    """Of joints with what was found there, then of everything else that was found."""
+    """Labels of joints with what was found there, then of everything else that was found."""
     model, out, used = shape.model, [], set()
     for j in range(model.njnt):
         names = _motors(model, j)

@@ -87,7 +87,7 @@ class Skeleton:
 
 
 def skeleton(model: mujoco.MjModel) -> Skeleton:
-    """Of a model of hinges and slides."""
+    """The skeleton of a model of hinges and slides."""
     joints = [Node(int(model.jnt_bodyid[j]), _triple(model.jnt_pos[j]), j) for j in range(model.njnt)]
     nodes, links = list(joints), []
     for body in (b for b in range(1, model.nbody) if model.body_dofnum[b]):

@@ -60,7 +60,7 @@ class Label:
 
 
 def column(labels: list[Label], height: float) -> tuple[list[Element], float]:
-    """Words from top to bottom without overlap, with lines to what they are about, and the height that they need."""
+    """Labels from top to bottom without overlap, with lines to what they are about, and the height that they need."""
     labels = sorted(labels, key=lambda one: one.anchor[1] if one.anchor is not None else np.inf)
     tops, floor = [], 8.0
     for label in labels:
@@ -74,7 +74,7 @@ def column(labels: list[Label], height: float) -> tuple[list[Element], float]:
 
 
 def _drawn(label: Label, top: float) -> list[Element]:
-    """A label whose first line begins at a height."""
+    """The words of a label, whose first line begins at `top`, and the line to what it is about."""
     out, y, x = [], top + LINE * 0.75, COLUMN + 18
     if label.anchor is not None:
         css = "leader found" if label.marks else "leader"

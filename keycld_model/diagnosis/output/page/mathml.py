@@ -41,7 +41,7 @@ def mathml(equation: str) -> Element:
 
 
 def _node(node: ast.expr) -> Element:
-    """An expression."""
+    """An expression as MathML."""
     match node:
         case ast.Name(id=name):
             return _name(name)
@@ -108,7 +108,7 @@ def _operator(sign: str, **attributes: str) -> Element:
 
 
 def _listed(items: list[Element], sign: str) -> list[Element]:
-    """With a sign between them."""
+    """Elements with a sign between them."""
     return [x for item in items for x in (_operator(sign), item)][1:]
 
 

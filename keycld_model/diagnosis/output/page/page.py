@@ -90,7 +90,7 @@ def _templates() -> jinja2.Environment:
 
 
 def _unbroken(text: str) -> str:
-    """With numbers, intervals and units on one line each."""
+    """A text whose numbers stay on one line with their intervals and units."""
     return re.sub(r"(?<=\d) (?=±|[a-zA-Z]*[·/]|rad|mrad|mm|kg|of the|s\b)|(?<=±) ", "\N{NO-BREAK SPACE}", text)
 
 

@@ -19,7 +19,7 @@ Json: TypeAlias = "str | int | float | bool | Mapping[str, Json] | Sequence[Json
 MOST, MOVING = 280_000, 150_000
 """Numbers in the plots and in the animations of a page, which keep it below 8 MB; more is thinned, or left out."""
 FRAMES = 400
-"""Of an animation at most."""
+"""Most frames of an animation."""
 LAGS = 20
 """Samples up to which residuals are correlated with themselves."""
 BINS = np.linspace(-5, 5, 41)
@@ -131,6 +131,7 @@ def _kept(length: int, starts: NDArray[np.int64], every: int) -> tuple[NDArray[n
 
 
 def _broken(y: Array, breaks: NDArray[np.int64]) -> str:
+    """A line as `_packed` has it, with NaN where it is broken."""
     return _packed(np.insert(y, breaks[breaks < len(y)], np.nan))
 
 

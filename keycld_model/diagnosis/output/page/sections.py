@@ -211,7 +211,7 @@ def _when(finding: Finding) -> list[str]:
 
 
 def minus(text: str) -> str:
-    """With minus signs instead of hyphens."""
+    """A text with minus signs instead of hyphens."""
     return text.replace("-", "−")
 
 
