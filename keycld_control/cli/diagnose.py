@@ -3,12 +3,16 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
 from keycld_control.cli._compiled import keep_compiled
 from keycld_control.cli._output import print_result
 from keycld_control.plain_json import write_json
+
+if TYPE_CHECKING:
+    from keycld_model.diagnosis.verdict.report import Finding
 
 
 @dataclass(frozen=True)
@@ -76,8 +80,16 @@ def run(args: Args) -> int:
         print(report.headline)
         if report.next_experiment is not None:
             print(experiment(report.next_experiment))
-        summary = {f"{f.effect} at {f.where['name']}": f"confidence {f.confidence:.2f}" for f in report.findings}
+        summary = {f"{f.effect} at {f.where['name']}": _sizes(f) for f in report.findings}
         errors = {"nominal": report.fit.nominal, "refitted": report.fit.refitted, "corrected": report.fit.corrected}
         units = {f"held-out error {name} ({report.fit.unit})": error for name, error in errors.items()}
         print_result({"verdict": report.verdict, **summary, **units, "held_out": report.held_out}, as_json=False)
     return report.exit_code
+
+
+def _sizes(finding: "Finding") -> str:
+    """The parameters of a finding, and its confidence."""
+    from keycld_model.diagnosis.output.words import measured
+
+    sizes = [f"{name} = {measured(estimate)}" for name, estimate in finding.parameters.items()]
+    return ", ".join([*sizes, f"confidence {finding.confidence:.2f}"])
