@@ -12,17 +12,17 @@ from rich.console import Console
 from rich.table import Table
 
 from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
-from keycld_model.rigid_body.effects import Pushing
-from keycld_model.rigid_body.engine import Copies, MujocoRollouts, Rollouts
-from keycld_model.rigid_body.mechanism import Mechanism
+from keycld_model.rigid_body.compiled import CompiledEngine
+from keycld_model.rigid_body.effects import AppliedEffects
+from keycld_model.rigid_body.engine import Copies, Engine, MujocoEngine
 
 ROLLOUTS, STEPS = 1024, 40
 
 
-def seconds(by: Rollouts, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray, repeats: int) -> list[float]:
+def seconds(by: Engine, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray, repeats: int) -> list[float]:
     """Of rollouts of all states, after one that does not count."""
     one = np.zeros(len(state), int)
-    batch = by.batch(Copies([model], [Pushing()], one, one))
+    batch = by.batch(Copies([model], [AppliedEffects()], one, one))
     whole = np.zeros((len(state), by.size))
     whole[:, by.motion] = state
     out = []
@@ -45,11 +45,11 @@ def main(repeats: int = 7, seed: int = 0) -> None:
     for name in REFERENCE_SYSTEMS:
         model = get_system(name).compile()
         model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, 0.01
-        mechanism = Mechanism.of(model)
+        mechanism = CompiledEngine.of(model)
         assert mechanism is not None
         state = rng.normal(0, 0.5, (ROLLOUTS, 2 * model.nv))
         control = rng.normal(0, 1, (ROLLOUTS, STEPS, model.nu + model.nv))
-        engines: list[Rollouts] = [MujocoRollouts(model, 1), MujocoRollouts(model, 2), mechanism]
+        engines: list[Engine] = [MujocoEngine(model, 1), MujocoEngine(model, 2), mechanism]
         micro = [1e6 * np.median(seconds(e, model, state, control, repeats)) / ROLLOUTS / STEPS for e in engines]
         table.add_row(name, *(f"{m:.2f}" for m in micro), f"{micro[1] / micro[2]:.1f}")
     Console().print(table)

@@ -87,7 +87,7 @@ class Slot:
 
 
 @dataclass(frozen=True)
-class Pushing:
+class AppliedEffects:
     """Effects of a variant that push.
 
     Attributes:
@@ -100,14 +100,14 @@ class Pushing:
 
 
 @dataclass(frozen=True)
-class Slots:
+class EffectSlots:
     """All of a program, and which joints turn if it has a residual force."""
 
     slots: tuple[Slot, ...] = ()
     turning: tuple[bool, ...] | None = None
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, effects: Iterable[Effect]) -> "Slots":
+    def of(cls, model: mujoco.MjModel, effects: Iterable[Effect]) -> "EffectSlots":
         """What takes some effects; empty if there are none."""
         kinds = {type(effect) for effect in effects}
         if not kinds:
@@ -125,7 +125,7 @@ class Slots:
         here = {effect.key: effect for effect in effects}
         return np.array([x for slot in self.slots for x in slot.numbers(here.get(slot.key, slot.absent))])
 
-    def remembered(self, pushing: Pushing, windows: int) -> Array:
+    def remembered(self, pushing: AppliedEffects, windows: int) -> Array:
         """Memories at the starts of windows, `[W, M]`."""
         pairs = zip(pushing.effects, pushing.memories, strict=True)
         here = {effect.key: memory for effect, memory in pairs}
@@ -133,15 +133,15 @@ class Slots:
         parts = [here.get(slot.key, np.zeros((windows, slot.absent.memory))) for slot in self.slots]
         return np.concatenate([empty, *parts], axis=1)
 
-    def acting(self, numbers: Any, smooth: tuple[Any, ...]) -> "Acting":
+    def traced(self, numbers: Any, smooth: tuple[Any, ...]) -> "TracedEffects":
         """With numbers `[K, N]` and those of a residual force, while a program is traced."""
         ends = np.cumsum([len(slot.names) for slot in self.slots])[:-1]
         pieces = jnp.split(numbers, ends) if self.slots else []
         filled = [(slot, slot.filled(list(piece))) for slot, piece in zip(self.slots, pieces, strict=True)]
         if self.turning is None:
-            return Acting(filled, None)
+            return TracedEffects(filled, None)
         *features, weights = smooth
-        return Acting(filled, (Features(np.array(self.turning), *features), weights))
+        return TracedEffects(filled, (Features(np.array(self.turning), *features), weights))
 
 
 def compiles(effect: Effect) -> bool:
@@ -149,7 +149,7 @@ def compiles(effect: Effect) -> bool:
     return type(effect) in itertools.chain(LIGHT, *HEAVY, (ResidualForce,))
 
 
-def smooth_numbers(effects: Iterable[Effect]) -> tuple[Array, ...]:
+def residual_numbers(effects: Iterable[Effect]) -> tuple[Array, ...]:
     """Those of the one residual force among effects; empty if there is none.
 
     Raises:
@@ -175,7 +175,7 @@ def _slot(model: mujoco.MjModel, effect: Effect) -> Slot:
 
 
 @dataclass(frozen=True)
-class Acting:
+class TracedEffects:
     """Effects while a program is traced; every number is an array over N rollouts.
 
     Attributes:
@@ -198,7 +198,7 @@ class Acting:
                     bodies = bodies.at[slot.at, heavy].multiply(effect.factor(t))
         return bodies, gravity
 
-    def rubbed(self, friction: Any, q: Any, v: Any, load: Callable[[int], Any]) -> Any:
+    def dry_friction(self, friction: Any, q: Any, v: Any, load: Callable[[int], Any]) -> Any:
         """Dry friction `[nv, N]` with that of effects, for positions, velocities, and forces in bearings of joints."""
         with using(Quick()):
             for slot, effect in self.effects:

@@ -1,19 +1,23 @@
-"""Who steps: MuJoCo itself, or a compiled `Mechanism` where a model is simple enough for that."""
+"""Who steps: MuJoCo itself, or compiled steps where a model is simple enough for these."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
 import mujoco
 import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from keycld_model.rigid_body.effects import Pushing
+from keycld_model.rigid_body.effects import AppliedEffects
 
 Array = NDArray[np.float64]
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 _CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
+
+
+Batch = TypeVar("Batch")
+"""What an engine makes of copies, and runs."""
 
 
 @dataclass(frozen=True)
@@ -22,18 +26,18 @@ class Copies:
 
     Attributes:
         models: of the variants.
-        pushing: effects of each variant.
+        applied: effects of each variant, with what they remember.
         of: `[N]` variant of each copy.
         window: `[N]` window of each copy.
     """
 
     models: Sequence[mujoco.MjModel]
-    pushing: Sequence[Pushing]
+    applied: Sequence[AppliedEffects]
     of: NDArray[np.int64]
     window: NDArray[np.int64]
 
 
-class Rollouts(Protocol):
+class Engine(Protocol[Batch]):
     """Steps many copies of a mechanism."""
 
     @property
@@ -46,11 +50,11 @@ class Rollouts(Protocol):
         """Where positions and velocities are in it."""
         ...
 
-    def batch(self, copies: Copies) -> Any:
-        """Ready to be run."""
+    def batch(self, copies: Copies) -> Batch:
+        """Rollouts that are ready to be run."""
         ...
 
-    def run(self, batch: Any, state: Array, control: Array, time: Array) -> Array:
+    def run(self, batch: Batch, state: Array, control: Array, time: Array) -> Array:
         """States after every step, `[N, S, size]`; not finite where a rollout diverges.
 
         Args:
@@ -62,8 +66,8 @@ class Rollouts(Protocol):
         ...
 
 
-class MujocoRollouts:
-    """By MuJoCo, which can step anything but effects that push; see `Rollouts`."""
+class MujocoEngine:
+    """MuJoCo's own steps, of any model, without effects that push; see `Engine`."""
 
     def __init__(self, model: mujoco.MjModel, threads: int) -> None:
         self._data = [mujoco.MjData(model) for _ in range(threads)]
@@ -72,22 +76,22 @@ class MujocoRollouts:
 
     @property
     def size(self) -> int:
-        """See `Rollouts`."""
+        """Numbers of a state."""
         return self._size
 
     @property
     def motion(self) -> slice:
-        """See `Rollouts`."""
+        """Where positions and velocities are in it."""
         return self._motion
 
-    def batch(self, copies: Copies) -> Any:
-        """See `Rollouts`; without effects."""
-        if any(some.effects for some in copies.pushing):
-            raise ValueError("MuJoCo's rollouts know no effects; their forces must be set step by step.")
+    def batch(self, copies: Copies) -> list[mujoco.MjModel]:
+        """The model of every copy."""
+        if any(some.effects for some in copies.applied):
+            raise ValueError("MuJoCo's steps know no effects; their forces must be set step by step.")
         return [copies.models[i] for i in copies.of]
 
-    def run(self, batch: Any, state: Array, control: Array, time: Array) -> Array:
-        """See `Rollouts`."""
+    def run(self, batch: list[mujoco.MjModel], state: Array, control: Array, time: Array) -> Array:
+        """States after every step, `[N, S, size]`; see `Engine`."""
         out = np.empty((*control.shape[:2], self.size))
         self._pool.rollout(batch, self._data, state, np.ascontiguousarray(control), control_spec=_CONTROL, state=out)
         return out

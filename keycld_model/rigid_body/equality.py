@@ -1,24 +1,16 @@
-"""Closed loops: bodies that are joined, and joints that are geared, as MuJoCo does it.
+"""Closed loops of a MuJoCo model: bodies that are joined, and joints that are geared."""
 
-Its equality constraints are soft: accelerations a minimise |a - a0|^2 / 2 in the metric of the mass matrix M plus
-|J a - r|^2 / 2 R (MuJoCo's documentation, "Computation"), so that a constraint adds J'J / R to M and J'r / R to forces.
-"""
-
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_model.rigid_body.scalars import add, cross, minus, mul, plus, subtract, turned
-
 Array = NDArray[np.float64]
 LOOP = 15
 """Numbers per loop: two anchors, or a polynomial and two references; seven of the impedance, and a usual inertia."""
-_GEOMETRY = 7
+GEOMETRY = 7
+"""Of these, those that are no part of the impedance."""
 _OFF = mujoco.mjtDisableBit
 _CONNECT, _JOINT = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_JOINT)
 
@@ -59,20 +51,6 @@ class Loop:
         return np.array([*geometry, *shape, stiffness, 2 / (most * time), inertia])
 
 
-class Row(NamedTuple):
-    """One equation of a loop.
-
-    Attributes:
-        along: its derivative with respect to each joint, `[nv]`.
-        aim: acceleration along it that closes the loop.
-        regular: how soft it is.
-    """
-
-    along: list[Any]
-    aim: Any
-    regular: Any
-
-
 def loops_of(model: mujoco.MjModel) -> tuple[Loop, ...] | None:
     """Those of a model that are closed at first; None if one is of another kind, which only MuJoCo can step."""
     off = int(_OFF.mjDSBL_CONSTRAINT) | int(_OFF.mjDSBL_EQUALITY)
@@ -109,84 +87,3 @@ def anchors(model: mujoco.MjModel, equality: int) -> tuple[Array, Array]:
     if model.eq_objtype[equality] == int(mujoco.mjtObj.mjOBJ_SITE):
         return model.site_pos[model.eq_obj1id[equality]], model.site_pos[model.eq_obj2id[equality]]
     return model.eq_data[equality, :3], model.eq_data[equality, 3:6]
-
-
-def rows_of(loop: Loop, numbers: Any, frames: Sequence[Any], q: Any, v: Any) -> list[Row]:
-    """Equations of a loop.
-
-    Args:
-        loop: which.
-        numbers: `[LOOP, N]`.
-        frames: per body, and the world at last, how it is turned, where it is, how it spins, how that and its place
-            accelerate if joints do not, and its joints: index, axis, anchor.
-        q: positions `[nv, N]`.
-        v: velocities.
-    """
-    nv = len(q)
-    if loop.joins:
-        points, rates, motions = [], [], []
-        for body, anchor in ((loop.one, numbers[:3]), (loop.two, numbers[3:6])):
-            turn, origin, spin, spin_rate, rate, moving = frames[body]
-            arm = turned(turn, tuple(anchor))
-            point = plus(origin, arm)
-            points.append(point)
-            rates.append(plus(rate, plus(cross(spin_rate, arm), cross(spin, cross(spin, arm)))))
-            motions.append({j: axis if hub is None else cross(axis, minus(point, hub)) for j, axis, hub in moving})
-        zero = (0.0, 0.0, 0.0)
-        columns = [minus(motions[0].get(j, zero), motions[1].get(j, zero)) for j in range(nv)]
-        gap, drift = minus(*points), minus(*rates)
-        size = jnp.sqrt(sum(mul(x, x) for x in gap) + 1e-300)
-        lines = [[column[i] for column in columns] for i in range(3)]
-    else:
-        (c0, c1, c2, c3, c4), references = numbers[:5], numbers[5:7]
-        x = q[loop.two] - references[1] if loop.two >= 0 else jnp.zeros_like(q[0])
-        along: list[Any] = [0.0] * nv
-        along[loop.one] = 1.0
-        if loop.two >= 0:
-            along[loop.two] = -(c1 + x * (2 * c2 + x * (3 * c3 + x * 4 * c4)))
-        gap = (q[loop.one] - references[0] - (c0 + x * (c1 + x * (c2 + x * (c3 + x * c4)))),)
-        size, lines, drift = jnp.abs(gap[0]), [along], (0.0,)  # as MuJoCo has it
-    least, most, width, middle, power, stiffness, damping, inertia = numbers[_GEOMETRY:]
-    impedance = _impedance(size / width, least, most, middle, power)
-    regular = jnp.maximum((1 - impedance) / impedance * inertia, 1e-15)
-    out = []
-    for off, rate, line in zip(gap, drift, lines, strict=True):
-        aim = subtract(mul(-damping, _along(line, v)), mul(stiffness * impedance, off))
-        out.append(Row(line, subtract(aim, rate), regular))
-    return out
-
-
-def _impedance(x: Any, least: Any, most: Any, middle: Any, power: Any) -> Any:
-    """From the violation over its width."""
-    x = jnp.clip(x, 0.0, 1.0)
-    low = x**power / middle ** (power - 1)
-    high = 1 - (1 - x) ** power / (1 - middle) ** (power - 1)
-    return least + jnp.where(x <= middle, low, high) * (most - least)
-
-
-def _along(line: Sequence[Any], values: Any) -> Any:
-    """Dot product with a value per joint."""
-    out: Any = 0.0
-    for a, b in zip(line, values, strict=True):
-        out = add(out, mul(a, b))
-    return out
-
-
-def tightened(mass: list[list[Any]], force: list[Any], rows: Sequence[Row]) -> tuple[list[list[Any]], list[Any]]:
-    """Mass matrix and forces with the loops in them."""
-    mass, force = [list(row) for row in mass], list(force)
-    for along, aim, regular in rows:
-        for i, a in enumerate(along):
-            force[i] = add(force[i], mul(a, aim / regular))
-            for j, b in enumerate(along):
-                mass[i][j] = add(mass[i][j], mul(mul(a, b), 1 / regular))
-    return mass, force
-
-
-def pulls(rows: Sequence[Row], acceleration: Any) -> list[Any]:
-    """Forces of the loops on the joints, at accelerations `[nv, N]`."""
-    out: list[Any] = [0.0] * len(acceleration)
-    for along, aim, regular in rows:
-        pull = subtract(aim, _along(along, acceleration)) / regular
-        out = [add(force, mul(a, pull)) for force, a in zip(out, along, strict=True)]
-    return out

@@ -4,19 +4,28 @@ The numbers 0.0 and 1.0 as Python floats are exactly that, and never get into a 
 """
 
 import math
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 
-Vector = tuple[Any, Any, Any]
+Traced = jax.Array
+"""An array while a program is traced, over N rollouts as a rule."""
+Scalar = Traced | float
+"""A single number of each of N rollouts, `[N]`, or one that is the same in all."""
+Vector = tuple[Scalar, Scalar, Scalar]
+Matrix = tuple[Vector, Vector, Vector]
+Constants = tuple[float, float, float]
+"""A vector of numbers that are the same in all rollouts."""
+State = TypeVar("State")
 
 
-def solve(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
-    """Of a positive definite system, by its L D L' factors."""
+def solve(matrix: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:
+    """Solution of a positive definite system, by its L D L' factors."""
     n = len(right)
-    low: list[list[Any]] = [[0.0] * n for _ in range(n)]
-    diagonal: list[Any] = []
+    low: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
+    diagonal: list[Scalar] = []
     x = list(right)
     for j in range(n):
         d = matrix[j][j]
@@ -38,34 +47,35 @@ def solve(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
     return x
 
 
-def _is(a: Any, value: float) -> bool:
+def _is(a: Scalar, value: float) -> bool:
+    """Whether a number is one by construction."""
     return isinstance(a, float) and a == value
 
 
-def mul(a: Any, b: Any) -> Any:
-    """Product."""
+def mul(a: Scalar, b: Scalar) -> Scalar:
+    """Product of numbers."""
     if _is(a, 0.0) or _is(b, 0.0):
         return 0.0
     return b if _is(a, 1.0) else a if _is(b, 1.0) else a * b
 
 
-def add(a: Any, b: Any) -> Any:
-    """Sum."""
+def add(a: Scalar, b: Scalar) -> Scalar:
+    """Sum of numbers."""
     return b if _is(a, 0.0) else a if _is(b, 0.0) else a + b
 
 
-def subtract(a: Any, b: Any) -> Any:
-    """Difference."""
+def subtract(a: Scalar, b: Scalar) -> Scalar:
+    """Difference of numbers."""
     return a if _is(b, 0.0) else -b if _is(a, 0.0) else a - b
 
 
-def dot(a: Any, b: Any) -> Any:
-    """Of vectors."""
+def dot(a: Vector, b: Vector) -> Scalar:
+    """Inner product of vectors."""
     return add(add(mul(a[0], b[0]), mul(a[1], b[1])), mul(a[2], b[2]))
 
 
-def cross(a: Any, b: Any) -> Vector:
-    """Of vectors."""
+def cross(a: Vector, b: Vector) -> Vector:
+    """Cross product of vectors."""
     return (
         subtract(mul(a[1], b[2]), mul(a[2], b[1])),
         subtract(mul(a[2], b[0]), mul(a[0], b[2])),
@@ -73,37 +83,40 @@ def cross(a: Any, b: Any) -> Vector:
     )
 
 
-def plus(a: Any, b: Any) -> Vector:
+def plus(a: Vector, b: Vector) -> Vector:
     """Sum of vectors."""
     return add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2])
 
 
-def minus(a: Any, b: Any) -> Vector:
+def minus(a: Vector, b: Vector) -> Vector:
     """Difference of vectors."""
     return subtract(a[0], b[0]), subtract(a[1], b[1]), subtract(a[2], b[2])
 
 
-def scaled(s: Any, a: Any) -> Vector:
+def scaled(s: Scalar, a: Vector) -> Vector:
     """A number times a vector."""
     return mul(s, a[0]), mul(s, a[1]), mul(s, a[2])
 
 
-def turned(matrix: Any, a: Any) -> Vector:
+def turned(matrix: Matrix, a: Vector) -> Vector:
     """A matrix times a vector."""
     return dot(matrix[0], a), dot(matrix[1], a), dot(matrix[2], a)
 
 
-def product(a: Any, b: Any) -> tuple[Vector, Vector, Vector]:
-    """Of matrices."""
-    columns = tuple(tuple(row[i] for row in b) for i in range(3))
-    return tuple(tuple(dot(row, column) for column in columns) for row in a)  # pyright: ignore[reportReturnType]
+def product(a: Matrix, b: Matrix) -> Matrix:
+    """Product of matrices."""
+    one, two, three = zip(*b, strict=True)
+    first, second, third = ((dot(row, one), dot(row, two), dot(row, three)) for row in a)
+    return first, second, third
 
 
-def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
-    """To 1e-15, by polynomials: the compiler's own take most of the time of a step."""
+def sine_and_cosine(angle: Traced) -> tuple[Traced, Traced]:
+    """Sine and cosine to 1e-15, by polynomials: the compiler's own take most of the time of a step."""
     quarter = jnp.round(angle * (2 / math.pi))
     x = (angle - quarter * (math.pi / 2)) - quarter * 6.123233995736766e-17
-    square, sine, cosine = x * x, 0.0, 0.0
+    square = x * x
+    sine: Scalar = 0.0
+    cosine: Scalar = 0.0
     for n in range(17, 0, -2):
         sine = add(mul(square, sine), (-1.0) ** (n // 2) / math.factorial(n))
         cosine = add(mul(square, cosine), (-1.0) ** (n // 2) / math.factorial(n - 1))
@@ -117,22 +130,22 @@ class Quick:
     """JAX's functions, with quicker ones where the compiler's own are slow; to 1e-15."""
 
     @staticmethod
-    def sin(x: Any) -> Any:
+    def sin(x: Traced) -> Traced:
         """Sine."""
         return sine_and_cosine(x)[0]
 
     @staticmethod
-    def cos(x: Any) -> Any:
+    def cos(x: Traced) -> Traced:
         """Cosine."""
         return sine_and_cosine(x)[1]
 
     @staticmethod
-    def tanh(x: Any) -> Any:
+    def tanh(x: Traced) -> Traced:
         """Hyperbolic tangent."""
         return 1 - 2 / (jnp.exp(2 * x) + 1)
 
     @staticmethod
-    def repeated(number: int, step: Any, state: Any) -> Any:
+    def repeated(number: int, step: Callable[[State], State], state: State) -> State:
         """A loop that is compiled once."""
         return jax.lax.fori_loop(0, number, lambda _, now: step(now), state)
 
@@ -140,15 +153,16 @@ class Quick:
         return getattr(jnp, name)
 
 
-def rotation(axis: Vector, angle: Any) -> tuple[Vector, Vector, Vector]:
-    """About a unit axis (Rodrigues)."""
+def rotation(axis: Constants, angle: Traced) -> Matrix:
+    """Rotation about a unit axis (Rodrigues)."""
     s, c = sine_and_cosine(angle)
     x, y, z = axis
     across = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
 
-    def entry(i: int, j: int) -> Any:
+    def entry(i: int, j: int) -> Scalar:
         if i == j and abs(axis[i]) == 1:
             return 1.0
         return add(add(c if i == j else 0.0, mul(s, across[i][j])), mul(axis[i] * axis[j], 1 - c))
 
-    return tuple(tuple(entry(i, j) for j in range(3)) for i in range(3))  # pyright: ignore[reportReturnType]
+    first, second, third = ((entry(i, 0), entry(i, 1), entry(i, 2)) for i in range(3))
+    return first, second, third

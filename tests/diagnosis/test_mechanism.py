@@ -14,9 +14,9 @@ from keycld_envs.effects.base import add_friction
 from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
-from keycld_model.rigid_body.effects import Pushing
-from keycld_model.rigid_body.engine import Copies, MujocoRollouts
-from keycld_model.rigid_body.mechanism import Mechanism
+from keycld_model.rigid_body.compiled import CompiledEngine
+from keycld_model.rigid_body.effects import AppliedEffects
+from keycld_model.rigid_body.engine import Copies, MujocoEngine
 
 SKEW = """
 <mujoco>
@@ -110,7 +110,7 @@ def test_every_step_is_that_of_mujoco(name, integrator):
         change(model)
         mujoco.mj_setConst(model, mujoco.MjData(model))
         models.append(model)
-    mechanism = Mechanism.of(base)
+    mechanism = CompiledEngine.of(base)
     assert mechanism is not None
     number, steps = 300, 40
     of = np.arange(number) % len(models)
@@ -118,10 +118,10 @@ def test_every_step_is_that_of_mujoco(name, integrator):
     if name == "loops":  # nearly closed
         state *= 0.02
     control = rng.normal(0, 1, (number, steps, base.nu + base.nv))
-    slow = MujocoRollouts(base, 2)
+    slow = MujocoEngine(base, 2)
     full = np.zeros((number, slow.size))
     full[:, slow.motion] = state
-    copies = Copies(models, [Pushing()] * len(models), of, np.zeros(number, int))
+    copies = Copies(models, [AppliedEffects()] * len(models), of, np.zeros(number, int))
     true = slow.run(slow.batch(copies), full, control, np.zeros(number))[..., slow.motion]
     path = mechanism.run(mechanism.batch(copies), state, control, np.zeros(number))
     free = of < 2
@@ -140,12 +140,12 @@ def test_friction_that_stops_is_that_of_a_hundred_steps_with_a_stiff_constraint(
         rub(model)
         model.dof_solref[:], model.dof_solimp[:, :2] = (2 * h, 1.0), 0.9999
         mujoco.mj_setConst(model, mujoco.MjData(model))
-    mechanism, slow = Mechanism.of(models[0], stops=True), MujocoRollouts(models[1], 2)
+    mechanism, slow = CompiledEngine.of(models[0], exact_stiction=True), MujocoEngine(models[1], 2)
     assert mechanism is not None
     nv = models[0].nv
     state = np.concatenate([rng.normal(0, 1, (number, nv)), rng.normal(0, 0.3, (number, nv))], axis=1)
     control = np.repeat(rng.normal(0, 0.3, (number, 4, models[0].nu + nv)), steps // 4, axis=1)
-    copies = [Copies([m], [Pushing()], np.zeros(number, int), np.zeros(number, int)) for m in models]
+    copies = [Copies([m], [AppliedEffects()], np.zeros(number, int), np.zeros(number, int)) for m in models]
     path = mechanism.run(mechanism.batch(copies[0]), state, control, np.zeros(number))
     full = np.zeros((number, slow.size))
     full[:, slow.motion] = state
@@ -159,7 +159,7 @@ def test_friction_that_stops_is_that_of_a_hundred_steps_with_a_stiff_constraint(
             "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
         )
         models[0].dof_solref[:], models[0].dof_solimp[:] = default.dof_solref, default.dof_solimp
-        soft = Mechanism.of(models[0])
+        soft = CompiledEngine.of(models[0])
         assert soft is not None
         creeping = soft.run(soft.batch(copies[0]), state, control, np.zeros(number))
         assert np.abs(creeping - true)[..., :nv].max() > max(1e-3, 5 * error.max())
@@ -242,4 +242,4 @@ def test_dry_friction_of_effects_is_the_models_own_in_every_step(file):
     ],
 )
 def test_what_only_mujoco_can_step_is_left_to_it(xml):
-    assert Mechanism.of(mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")) is None
+    assert CompiledEngine.of(mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")) is None

@@ -22,7 +22,7 @@ from keycld_model.diagnosis.inputs.prepare import ready, split
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.simulation.contacts import without_contacts
 from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
-from keycld_model.rigid_body.mechanism import Mechanism
+from keycld_model.rigid_body.compiled import CompiledEngine
 
 FILTERED = """<mujoco><option timestep="0.01"/><worldbody><body name="rod">
 <joint name="hinge" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" contype="1"/></body>{}
@@ -129,7 +129,7 @@ def test_a_floor_that_nothing_touches_does_not_matter(runs):
     low, high = (mujoco.MjModel.from_xml_string(FILTERED.format(floor.format(z))) for z in (-1, -0.2))
     runs = [replace(r, qpos=np.asarray(r.qpos) - np.pi) for r in runs]
     for rod in (low, high):
-        assert Mechanism.of(rod) is None
+        assert CompiledEngine.of(rod) is None
     assert not without_contacts(low, runs).geom_contype.any() and low.geom_contype.all()
     assert without_contacts(high, runs) is high
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.observation import Observation
-from keycld_model.rigid_body.mechanism import may_collide
+from keycld_model.rigid_body.tree import may_collide
 
 
 def without_contacts(

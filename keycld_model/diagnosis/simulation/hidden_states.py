@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from keycld_envs.effects.base import ActuatorEffect, JointEffect, TransmissionEffect
 from keycld_model.diagnosis.inputs.windows import Windows
 from keycld_model.diagnosis.simulation.variant import Variant
-from keycld_model.rigid_body.effects import Pushing, memories
+from keycld_model.rigid_body.effects import AppliedEffects, memories
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def effects_that_push(
     models: Sequence[mujoco.MjModel],
     filtered: Sequence[Sequence[Array]],
     windows: Windows,
-) -> list[Pushing]:
+) -> list[AppliedEffects]:
     """Effects that push, and what they remember of the recordings before each window.
 
     Args:
@@ -83,7 +83,7 @@ def effects_that_push(
         for row, (i, e) in enumerate(at):
             offsets = variants[i].window_offsets_of(pushing[i][e], len(windows))
             out[i][e] = path[windows.first, row, windows.recording] + offsets
-    return [Pushing(some, tuple(memory)) for some, memory in zip(pushing, out, strict=True)]
+    return [AppliedEffects(some, tuple(memory)) for some, memory in zip(pushing, out, strict=True)]
 
 
 def _remembered(

@@ -16,15 +16,15 @@ from keycld_model.diagnosis.simulation.model_pool import ModelPool
 from keycld_model.diagnosis.simulation.sampling import delayed_commands, interpolated, observed_times, pulse_forces
 from keycld_model.diagnosis.simulation.stepping import Batch, at_once, step_by_step
 from keycld_model.diagnosis.simulation.variant import Variant
+from keycld_model.rigid_body.compiled import CompiledEngine
 from keycld_model.rigid_body.effects import compiles
-from keycld_model.rigid_body.engine import MujocoRollouts, Rollouts
-from keycld_model.rigid_body.mechanism import Mechanism
+from keycld_model.rigid_body.engine import Engine, MujocoEngine
 
 Array = NDArray[np.float64]
 
 
 class Simulator:
-    """Rollouts of a MuJoCo model of hinges and slides.
+    """Engine of a MuJoCo model of hinges and slides.
 
     Attributes:
         model: as it is believed to be.
@@ -51,9 +51,9 @@ class Simulator:
         self.nuisances = inertial_nuisances(model, criteria)
         self._data = mujoco.MjData(self.model)
         self._models = ModelPool(self.model)
-        self._mujoco = MujocoRollouts(self.model, threads)
+        self._mujoco = MujocoEngine(self.model, threads)
         self._motors = MotorStates(self.model, self._mujoco.size)
-        self._fast = Mechanism.of(self.model, stops=not self.own_integrator) if compiled else None
+        self._fast = CompiledEngine.of(self.model, exact_stiction=not self.own_integrator) if compiled else None
 
     def with_step(self, step: float, compiled: bool = True) -> "Simulator":
         """The same with Runge-Kutta steps of another length, s."""
@@ -149,7 +149,7 @@ class Simulator:
         nv = self.model.nv
         return path[..., :nv], path[..., nv:], commands
 
-    def _after(self, by: Rollouts, batch: Batch) -> Array:
+    def _after(self, by: Engine, batch: Batch) -> Array:
         """Positions and velocities after every step, `[P, W, S, 2 nv]`; some effects are in no program."""
         outside = [any(by is self._mujoco or not compiles(e) for e in some.effects) for some in batch.pushing]
         stepped = np.array(outside)[batch.which]
@@ -160,7 +160,7 @@ class Simulator:
         return out
 
     def _beyond(self, path: Array) -> NDArray[np.bool_]:
-        """Rollouts that meet a limit of a joint, which only MuJoCo steps; `[P, W]`."""
+        """Engine that meet a limit of a joint, which only MuJoCo steps; `[P, W]`."""
         model, off = self.model, mujoco.mjtDisableBit
         limited = np.flatnonzero(model.jnt_limited)
         if not len(limited) or int(model.opt.disableflags) & (int(off.mjDSBL_CONSTRAINT) | int(off.mjDSBL_LIMIT)):

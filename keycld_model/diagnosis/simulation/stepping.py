@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_model.diagnosis.inputs.windows import Windows
-from keycld_model.rigid_body.effects import Pushing
-from keycld_model.rigid_body.engine import Copies, Rollouts
+from keycld_model.rigid_body.effects import AppliedEffects
+from keycld_model.rigid_body.engine import Copies, Engine
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class Batch:
     """
 
     models: Sequence[mujoco.MjModel]
-    pushing: Sequence[Pushing]
+    pushing: Sequence[AppliedEffects]
     which: NDArray[np.int64]
     windows: Windows
     start: Array
@@ -41,14 +41,14 @@ class Batch:
         motors = None if self.motors is None else self.motors[rows]
         return replace(self, which=self.which[rows], start=self.start[rows], control=self.control[rows], motors=motors)
 
-    def states(self, by: Rollouts) -> Array:
+    def states(self, by: Engine) -> Array:
         """States `[P * W, size]` of an engine to begin with."""
         number = self.start.shape[0] * self.start.shape[1]
         state = np.zeros((number, by.size)) if self.motors is None else self.motors.reshape(number, by.size).copy()
         state[:, by.motion] = self.start.reshape(number, -1)
         return state
 
-    def copies(self, pushing: Sequence[Pushing]) -> Copies:
+    def copies(self, pushing: Sequence[AppliedEffects]) -> Copies:
         """For an engine, with some of the effects."""
         windows = len(self.windows)
         return Copies(
@@ -56,23 +56,23 @@ class Batch:
         )
 
 
-def at_once(by: Rollouts, batch: Batch) -> Array:
+def at_once(by: Engine, batch: Batch) -> Array:
     """Positions and velocities after every step, `[P, W, S, 2 nv]`, by an engine that has all effects."""
     p, w, s, _ = batch.control.shape
     used = set(batch.which.tolist())
-    present = [effects if i in used else Pushing() for i, effects in enumerate(batch.pushing)]
+    present = [effects if i in used else AppliedEffects() for i, effects in enumerate(batch.pushing)]
     flat, clock = batch.control.reshape(p * w, s, -1), np.tile(batch.windows.begun, p)
     path = by.run(by.batch(batch.copies(present)), batch.states(by), flat, clock)
     return path[..., by.motion].reshape(p, w, s, -1)
 
 
-def step_by_step(by: Rollouts, batch: Batch) -> Array:
+def step_by_step(by: Engine, batch: Batch) -> Array:
     """Positions and velocities after every step, `[P, W, S, 2 nv]`; each force is held at its value in the middle."""
     models, which, h = batch.models, batch.which, batch.windows.step
     p, w, s, _ = batch.control.shape
     nv, nu = models[0].nv, models[0].nu
     state, out = batch.states(by), np.empty((p, w, s, 2 * nv))
-    copies = by.batch(batch.copies([Pushing()] * len(models)))
+    copies = by.batch(batch.copies([AppliedEffects()] * len(models)))
     rows = {i: np.flatnonzero(which == i) for i in np.unique(which)}
     acting = [(i, effect) for i in rows for effect in batch.pushing[i].effects]
     memories = [np.repeat(m[None], len(rows[i]), axis=0) for i in rows for m in batch.pushing[i].memories]
