@@ -5,7 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from keycld_envs.effects.base import ActuatorEffect, Array, parameter
+from keycld_envs.effects.base import Array, parameter
+from keycld_envs.effects.places import ActuatorEffect
 
 
 @dataclass(frozen=True)
@@ -14,6 +15,7 @@ class ActuatorDeadZone(ActuatorEffect):
 
     id: ClassVar[str] = "actuator_dead_zone"
     equation: ClassVar[str] = "tau = sign(u)*max(0, abs(u) - delta)"
+    phrase: ClassVar[str] = "an actuator dead zone"
 
     delta: float = parameter("command", 0.02, low=0.0)
 

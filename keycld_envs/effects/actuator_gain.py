@@ -1,9 +1,14 @@
 """A motor that is stronger or weaker than thought."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from keycld_envs.effects.base import ActuatorEffect, Array, parameter
+import mujoco
+
+from keycld_envs.effects.base import Array, Effect, parameter
+from keycld_envs.effects.native import NativeModel
+from keycld_envs.effects.places import ActuatorEffect
 
 
 @dataclass(frozen=True)
@@ -12,8 +17,17 @@ class ActuatorGain(ActuatorEffect):
 
     id: ClassVar[str] = "actuator_gain"
     equation: ClassVar[str] = "tau = k*u"
+    phrase: ClassVar[str] = "an actuator gain"
 
     k: float = parameter("1", 0.02, low=0.0, absent=1.0)
+
+    def native(self, model: mujoco.MjModel, later: Sequence[Effect] = ()) -> bool:
+        """Of actuators whose torque is linear in the command."""
+        return bool(model.actuator_gaintype[model.actuator(self.where).id] <= int(mujoco.mjtGain.mjGAIN_AFFINE))
+
+    def write(self, target: NativeModel) -> None:
+        """A factor of the actuator's gain."""
+        target.gains[self.where] = target.gains.get(self.where, 1.0) * self.k
 
     def motor(self, u: Array, h: float) -> Array:
         """Scale."""

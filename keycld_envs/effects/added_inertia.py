@@ -5,7 +5,8 @@ from typing import ClassVar
 
 import mujoco
 
-from keycld_envs.effects.base import JointEffect, parameter
+from keycld_envs.effects.base import parameter
+from keycld_envs.effects.places import JointEffect
 
 
 @dataclass(frozen=True)

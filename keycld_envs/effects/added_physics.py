@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 
 from keycld_envs.constants import update_constants
-from keycld_envs.effects.base import Array, Effect, JointEffect, add_friction
+from keycld_envs.effects.base import Array, Effect
 from keycld_envs.effects.load_dependent_friction import bearing_force
+from keycld_envs.effects.places import add_friction
 from keycld_envs.errors import InputError
 
 MEMORY = 500
@@ -36,8 +37,8 @@ class AddedPhysics:
             if effect.where not in known:
                 raise InputError(f"{effect.id} is at {effect.where!r}; the model has {sorted(known)}.")
             effect.edit(model)
-            if isinstance(effect, JointEffect) and effect.rubs:
-                add_friction(model, effect.dof(model), 0.0)  # lets the model have some
+            if effect.has_dry_friction:
+                add_friction(model, effect.slot(model)[0], 0.0)  # lets the model have some
         update_constants(model)
         self._friction = model.dof_frictionloss.copy()
 
@@ -60,15 +61,16 @@ class AddedPhysics:
             data.qfrc_applied[:] = 0
             self.model.dof_frictionloss[:] = self._friction
             for i, effect in enumerate(self.effects):
-                if isinstance(effect, JointEffect) and effect.rubs:
-                    self._rub(effect, q, v, command)
+                if effect.has_dry_friction:
+                    self._set_friction(effect, q, v, command)
                     continue
                 force, self._memory[i] = effect.advance(self.model, self._memory[i], time, q, v, command, h)
                 data.qfrc_applied[:] += force
             yield step
 
-    def _rub(self, effect: JointEffect, q: Array, v: Array, u: Array) -> None:
+    def _set_friction(self, effect: Effect, q: Array, v: Array, u: Array) -> None:
         """Set dry friction for the next step; there is none below zero."""
-        dof, friction = effect.dof(self.model), self.model.dof_frictionloss
+        (dof, _), friction = effect.slot(self.model), self.model.dof_frictionloss
         load = partial(bearing_force, self.model, effect.where, q, v, u)
-        friction[dof] = max(0.0, friction[dof] + float(effect.dry(q[dof], v[dof], load)))
+        more = effect.dry_friction(q[dof], v[dof], load)
+        friction[dof] = max(0.0, friction[dof] + (0.0 if more is None else float(more)))

@@ -5,7 +5,9 @@ from typing import ClassVar
 
 import mujoco
 
-from keycld_envs.effects.base import Array, JointEffect, add_friction, functions, parameter
+from keycld_envs.effects.base import Array, Confusable, parameter
+from keycld_envs.effects.functions import functions
+from keycld_envs.effects.places import JointEffect, add_friction
 
 
 @dataclass(frozen=True)
@@ -15,6 +17,7 @@ class AsymmetricFriction(JointEffect):
     id: ClassVar[str] = "asymmetric_friction"
     family: ClassVar[str] = "dissipation"
     equation: ClassVar[str] = "tau = -(forward if qd > 0 else backward)*sign(qd)"
+    confusable: ClassVar[Confusable | None] = Confusable("dry friction", {"forward": 1.0, "backward": 1.0})
 
     forward: float = parameter("N m", 0.02, low=0.0)
     backward: float = parameter("N m", 0.02, low=0.0)

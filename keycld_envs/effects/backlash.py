@@ -7,7 +7,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from keycld_envs.effects.base import Array, TransmissionEffect, functions, parameter
+from keycld_envs.effects.base import Array, parameter
+from keycld_envs.effects.functions import functions
+from keycld_envs.effects.transmission import TransmissionEffect
 
 SOFT, HARD = 40.0, 400.0
 """Angular frequency of the rotor against a flank, rad/s, at least and at most."""

@@ -1,19 +1,20 @@
 """What an effect is: physics that a simulator leaves out, written down once, for simulation and for diagnosis."""
 
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Literal, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.effects.native import NativeModel
+
 Kind = Literal["joint", "actuator", "body", "world", "sensor", "camera"]
 Array = NDArray[np.float64]
+EVERY = "every"
+"""Group of effects that are cheap enough to have a slot in every compiled program with effects."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,26 @@ class Seen:
 
 
 @dataclass(frozen=True)
+class Confusable:
+    """What an effect is easily taken for.
+
+    Attributes:
+        group: effects of one group, at the same place, do nearly the same.
+        unit: the effect's parameters when its size is one, in a unit that all of the group share.
+        on_rails: it does so only in models in which some joint slides.
+    """
+
+    group: str
+    unit: Mapping[str, float]
+    on_rails: bool = False
+
+
+@dataclass(frozen=True)
 class Effect(ABC):
     """Physics at one place. It changes one slot of the equations; the others stay as they are.
+
+    What steps a motion in NumPy calls `advance`; programs that are compiled call `compiled_force`, `dry_friction`,
+    `base_acceleration` and `mass_factor`, whose arrays are NumPy's or a compiler's; see `functions`.
 
     Subclasses override at least one of `edit`, `command`, `force`, and `observe`, or, with a memory, `begin` and
     `advance`. All are functions of arrays of any leading shape, without memory beyond their arguments, so that an
@@ -81,16 +100,33 @@ class Effect(ABC):
 
     Attributes:
         where: name of the joint, actuator or body.
+        id: what it is called in reports.
+        family: slot of the equations that it changes.
+        kind: of the place where it is.
+        equation: what it adds.
+        phrase: its name in a sentence, with an article if it has one; empty if that is its id.
+        searched: a search tries it; others are found in another way.
         memory: how many numbers the effect remembers from step to step.
-        unsettled: standard deviations expected of them at the start of a recording, around where `begin` puts them.
+        memory_spread: standard deviations expected of them at the start of a recording, around where `begin` puts them.
+        program: group of effects that come together into compiled programs: `EVERY`, or the name of a group whose
+            effects are costly, and are in a program only if it needs one of them; None if it is only stepped in NumPy.
+        confusable: what it is easily taken for.
+        limiting_case: id of the effect that it has as a limit, far from where its parameters are.
+        same_everywhere: id of an effect that does nearly the same if it is at all its places at once.
     """
 
     id: ClassVar[str]
     family: ClassVar[str]
     kind: ClassVar[Kind]
     equation: ClassVar[str]
+    phrase: ClassVar[str] = ""
+    searched: ClassVar[bool] = True
     memory: ClassVar[int] = 0
-    unsettled: ClassVar[tuple[float, ...]] = ()
+    memory_spread: ClassVar[tuple[float, ...]] = ()
+    program: ClassVar[str | None] = None
+    confusable: ClassVar[Confusable | None] = None
+    limiting_case: ClassVar[str] = ""
+    same_everywhere: ClassVar[str] = ""
 
     where: str
 
@@ -107,6 +143,11 @@ class Effect(ABC):
     def grids(self, model: mujoco.MjModel, seen: Seen) -> dict[str, tuple[float, ...]]:
         """Values of numbers to start a search from, by name: those of the parameters, or such as recordings suggest."""
         return {p.name: p.grid for p in self.parameters() if p.grid}
+
+    def with_parameters(self, **values: float) -> Self:
+        """The effect with other numbers, each as near as its bounds allow."""
+        bounds = {p.name: (p.low, p.high) for p in self.parameters()}
+        return replace(self, **{name: float(np.clip(value, *bounds[name])) for name, value in values.items()})
 
     def __str__(self) -> str:
         numbers = ", ".join(f"{p.name}={getattr(self, p.name):.4g} {p.unit}".rstrip() for p in self.parameters())
@@ -126,6 +167,17 @@ class Effect(ABC):
     def observes(self) -> bool:
         """The effect is in the measurement, not in the motion."""
         return type(self).observe is not Effect.observe
+
+    @property
+    def has_dry_friction(self) -> bool:
+        """The effect is dry friction beyond the joint's friction loss; its force is the same made smooth."""
+        return type(self).dry_friction is not Effect.dry_friction
+
+    @property
+    def only_edits(self) -> bool:
+        """The numbers of a model that it changes are all there is to the effect."""
+        commands = self.kind == "actuator" or type(self).command is not Effect.command
+        return type(self).edit is not Effect.edit and not (self.forces or self.observes or commands)
 
     def edit(self, model: mujoco.MjModel) -> None:  # noqa: B027 -- most effects edit nothing
         """Change a compiled model in place."""
@@ -152,226 +204,84 @@ class Effect(ABC):
         """Times of the motion that a sensor shows at its times `[...]`."""
         return t
 
+    def slot(self, model: mujoco.MjModel) -> tuple[int, int]:
+        """Indices of its joint, body (the world is none) or axis of the world, and of its actuator, -1 for none."""
+        return (int(model.body(self.where).id) - 1 if self.kind == "body" else 0), -1
 
-@dataclass(frozen=True)
-class JointEffect(Effect):
-    """An effect at a joint with one degree of freedom."""
+    def begin_compiled(self, v: Array) -> tuple[Array, ...]:
+        """What `begin` puts into the memory, for velocities `[...]` of its joint."""
+        return ()
 
-    kind: ClassVar[Kind] = "joint"
+    def remembered(self, memory: tuple[Array, ...], v: Array, motor: Array, h: float) -> tuple[Array, ...]:
+        """Memory after a step; see `compiled_force`."""
+        return memory
 
-    @classmethod
-    def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
-        """Every hinge and slide."""
-        return tuple(cls(model.joint(j).name) for j in range(model.njnt))
+    def compiled_force(
+        self, memory: tuple[Array, ...], t: Array, q: Array, v: Array, motor: Callable[[], Array], h: float
+    ) -> tuple[Array | None, tuple[Array, ...]]:
+        """Mean force on its joint over a step, and memory after it; asked of effects at joints and actuators.
 
-    def dof(self, model: mujoco.MjModel) -> int:
-        """Index among the velocities."""
-        return int(model.jnt_dofadr[model.joint(self.where).id])
+        Args:
+            memory: before the step, `memory` numbers, each `[...]` like all others.
+            t: times in the middle of the step, s.
+            q: positions of its joint there, rad or m.
+            v: velocities there.
+            motor: gives the torque of its actuator, N m or N.
+            h: s.
 
-    @property
-    def forces(self) -> bool:
-        """The effect adds a torque, or a force of more joints than its own."""
-        torque, force = type(self).torque is not JointEffect.torque, type(self).force is not JointEffect.force
-        return self.memory > 0 or torque or force
+        Returns:
+            N m or N, None for no force; and the memory.
+        """
+        return None, memory
 
-    @property
-    def rubs(self) -> bool:
-        """The effect is dry friction beyond the joint's friction loss; its torque is the same made smooth."""
-        return type(self).dry is not JointEffect.dry
+    def dry_friction(self, q: Array, v: Array, load: Callable[[], Array]) -> Array | None:
+        """Dry friction beyond the friction loss of its joint, N m or N, and in its bearing's force, N; all `[...]`."""
+        return None
 
-    def dry(self, q: Array, v: Array, load: Callable[[], Array]) -> Array:
-        """Dry friction beyond the joint's friction loss, N m or N, and in its bearing's force N; all `[...]`."""
-        return np.zeros_like(v)
+    def base_acceleration(self, t: Array) -> Array | None:
+        """Acceleration of the base along its axis of the world at times, m/s^2."""
+        return None
 
-    def torque(self, t: Array, q: Array, v: Array) -> Array:
-        """N m or N at times, for positions and velocities of this joint, all `[...]`."""
-        return np.zeros_like(v)
-
-    def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """The torque, at this joint."""
-        dof, out = self.dof(model), np.zeros_like(v)
-        out[..., dof] = self.torque(t, q[..., dof], v[..., dof])
-        return out
-
-
-@dataclass(frozen=True)
-class ActuatorEffect(Effect):
-    """An effect at an actuator.
-
-    Attributes:
-        at_joint: it acts on the actuator's joint, and needs one.
-    """
-
-    kind: ClassVar[Kind] = "actuator"
-    family: ClassVar[str] = "actuation"
-    at_joint: ClassVar[bool] = False
-
-    @classmethod
-    def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
-        """Every actuator; of effects on its joint, every one that acts on a joint."""
-        kinds = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
-        on_joint = np.isin(model.actuator_trntype, kinds)
-        return tuple(cls(model.actuator(i).name) for i in range(model.nu) if on_joint[i] or not cls.at_joint)
-
-    def motor(self, u: Array, h: float) -> Array:
-        """What the motor gets for its commands `[T]`; see `command`."""
-        return u
-
-    def dof(self, model: mujoco.MjModel) -> int:
-        """Index of its joint among the velocities."""
-        return int(model.jnt_dofadr[model.actuator(self.where).trnid[0]])
-
-    def torque_of(self, model: mujoco.MjModel, u: Array) -> Array:
-        """What the actuator does, in joint coordinates, for commands `[..., nu]`."""
-        i = int(model.actuator(self.where).id)
-        return model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0] * u[..., i]
-
-    def command(self, model: mujoco.MjModel, u: Array, h: float) -> Array:
-        """The same for all motors: the others get what they are told."""
-        i, out = int(model.actuator(self.where).id), u.copy()
-        out[:, i] = self.motor(u[:, i], h)
-        return out
-
-
-@dataclass(frozen=True)
-class TransmissionEffect(ActuatorEffect):
-    """An effect between a motor, whose rotor has an inertia of its own, and its joint.
-
-    Memory: the rotor's angle and speed relative to the joint, in joint coordinates.
-    """
-
-    family: ClassVar[str] = "structure"
-    at_joint: ClassVar[bool] = True
-    memory: ClassVar[int] = 2
-    unsettled: ClassVar[tuple[float, ...]] = (0.1, 2.0)
-    substeps: ClassVar[int] = 20
+    def mass_factor(self, t: Array) -> Array | None:
+        """Factor of the mass of its body at times."""
+        return None
 
     @property
-    @abstractmethod
-    def rotor(self) -> float:
-        """Its inertia, kg m^2."""
+    def size(self) -> float:
+        """How large it is, in the unit of effects that it may be confused with."""
+        unit = self.confusable.unit if self.confusable else {}
+        return float(np.mean([getattr(self, name) / one for name, one in unit.items()])) if unit else 0.0
 
-    @property
-    def play(self) -> float:
-        """How far it runs free to each side, rad."""
-        return 0.0
+    def of_size(self, size: float) -> Self:
+        """The effect as large as another that it may be confused with."""
+        unit = self.confusable.unit if self.confusable else {}
+        return self.with_parameters(**{name: one * size for name, one in unit.items()})
 
-    @classmethod
-    @abstractmethod
-    def starts(cls, where: str, inertia: float) -> Iterator[Self]:
-        """At an actuator whose joint has an inertia: so different from each other that fits from all find the best."""
+    def confusable_with(self, others: Iterable["Effect"], model: mujoco.MjModel) -> Iterator["Effect"]:
+        """Others that do nearly the same at the same place, as large as this one; each kind at a place once.
 
-    def begin(self, model: mujoco.MjModel, v: Array) -> Array:
-        """The rotor goes with its joint."""
-        speed = v[..., self.dof(model)]
-        return np.stack([np.zeros_like(speed), speed], axis=-1)
+        They differ where responses are least linear, or to second order, so that a search has to try them one by one.
+        """
+        mine, tried = self.confusable, {self.key}
+        if mine is None or self.size <= 0:
+            return
+        rails = bool((model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE).any())
+        for other in others:
+            theirs, near = other.confusable, other.where == self.where or "sensor" in (other.kind, self.kind)
+            if theirs is None or theirs.group != mine.group or not near or other.key in tried:
+                continue
+            if rails or not theirs.on_rails:
+                tried.add(other.key)
+                yield other.of_size(self.size)
 
-    @abstractmethod
-    def coupling(self, twist: Array, slip: Array) -> Array:
-        """Torque on the joint, N m, for the rotor's relative angle and speed."""
+    def indistinguishable(self, model: mujoco.MjModel) -> tuple[tuple[str, Kind, str], ...]:
+        """What is no effect, and moves a model in the same way: name, kind of place, and place."""
+        return ()
 
-    def advance(
-        self, model: mujoco.MjModel, memory: Array, t: Array, q: Array, v: Array, u: Array, h: float
-    ) -> tuple[Array, Array]:
-        """What reaches the joint in place of the motor's torque; the joint's speed is constant over the step."""
-        dof, out, motor = self.dof(model), np.zeros_like(v), self.torque_of(model, u)
-        out[..., dof], (twist, speed) = self.transmit((memory[..., 0], memory[..., 1]), motor, v[..., dof], h)
-        return out, np.stack([twist, speed], axis=-1)
+    def native(self, model: mujoco.MjModel, later: Sequence["Effect"] = ()) -> bool:
+        """MuJoCo has the effect itself; of an actuator, before later effects of the same one."""
+        return self.only_edits
 
-    def transmit(self, memory: tuple[Array, Array], motor: Array, speed: Array, h: float) -> tuple[Array, Any]:
-        """What reaches the joint less the motor's torque, and the memory; all `[...]`."""
-        xp, dt = functions(speed), h / self.substeps
-        heavy = xp.asarray(self.rotor >= LIGHTEST)
-        gain = dt / xp.where(heavy, self.rotor, 1.0)
-
-        def substep(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-            twist, turning, total = state
-            torque = self.coupling(twist, turning - speed)
-            turning = turning + gain * (motor - torque)
-            return twist + dt * (turning - speed), turning, total + torque
-
-        start = memory[0], memory[1], xp.zeros_like(motor)
-        twist, turning, total = repeated(self.substeps, substep, start, speed)
-        force = xp.where(heavy, total / self.substeps - motor, 0.0)
-        return force, (xp.where(heavy, twist, memory[0]), xp.where(heavy, turning, memory[1]))
-
-
-@dataclass(frozen=True)
-class WorldEffect(Effect):
-    """An effect of the surroundings."""
-
-    kind: ClassVar[Kind] = "world"
-    where: str = "world"
-
-    @classmethod
-    def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
-        """One."""
-        return (cls(),)
-
-
-@dataclass(frozen=True)
-class SensorEffect(Effect):
-    """An effect of the measurement."""
-
-    kind: ClassVar[Kind] = "sensor"
-    family: ClassVar[str] = "observation"
-    where: str = "clock"
-
-    @classmethod
-    def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
-        """One, for all joints."""
-        return (cls(),)
-
-
-FREQUENCIES = tuple(2.0 + 0.75 * k for k in range(32))
-"""Angular frequencies, rad/s, close enough for phases over recordings of some seconds to tell one from the next."""
-LIGHTEST = 1e-4
-"""Inertia of a rotor, kg m^2, below which it follows its joint."""
-
-
-_FUNCTIONS: ContextVar[Any] = ContextVar("functions", default=None)
-
-
-@contextmanager
-def using(module: Any) -> Iterator[None]:
-    """Compute with the functions of another module than that of the arrays, while a compiler traces effects."""
-    token = _FUNCTIONS.set(module)
-    try:
-        yield
-    finally:
-        _FUNCTIONS.reset(token)
-
-
-def functions(x: Any) -> Any:
-    """Module with the functions for an array, NumPy for its own; see `using`."""
-    return _FUNCTIONS.get() or x.__array_namespace__()
-
-
-def repeated(number: int, step: Callable[[Any], Any], state: Any, x: Any) -> Any:
-    """A state after so many steps, with the loop of the module that computes with x; see `functions`."""
-    loop = getattr(functions(x), "repeated", None)
-    if loop is not None:
-        return loop(number, step, state)
-    for _ in range(number):
-        state = step(state)
-    return state
-
-
-def smooth_sign(speed: Array) -> Array:
-    """Sign of a speed (rad/s or m/s), continuous through zero."""
-    return functions(speed).tanh(speed / 0.02)
-
-
-def flat(x: Array) -> Array:
-    """`[..., n]` as `[N, n]`, also of no numbers: a model may have no motors."""
-    return x.reshape(math.prod(x.shape[:-1]), x.shape[-1])
-
-
-def add_friction(model: mujoco.MjModel, dof: int, loss: float) -> None:
-    """Add dry friction (N m or N), also to a model that switches all constraints off, as dm_control's acrobot does."""
-    model.dof_frictionloss[dof] += loss
-    off, flags = mujoco.mjtDisableBit, int(model.opt.disableflags)
-    constraint = int(off.mjDSBL_CONSTRAINT)
-    if flags & constraint:
-        others = int(off.mjDSBL_CONTACT) | int(off.mjDSBL_LIMIT) | int(off.mjDSBL_EQUALITY)
-        model.opt.disableflags = (flags & ~constraint) | others
+    def write(self, target: NativeModel) -> None:
+        """Write the effect, if it is native, into a model."""
+        self.edit(target.model)

@@ -6,7 +6,9 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import FREQUENCIES, Array, Effect, functions, parameter
+from keycld_envs.effects.base import EVERY, Array, Effect, parameter
+from keycld_envs.effects.functions import functions
+from keycld_envs.effects.places import FREQUENCIES
 
 
 @dataclass(frozen=True)
@@ -16,6 +18,7 @@ class BaseMotion(Effect):
     id: ClassVar[str] = "base_motion"
     family: ClassVar[str] = "force"
     kind: ClassVar = "world"
+    program: ClassVar[str | None] = EVERY
     equation: ClassVar[str] = "tau = -J'*m*(a*sin(w*t) + b*cos(w*t))"
 
     a: float = parameter("m/s^2", 0.1)
@@ -29,15 +32,19 @@ class BaseMotion(Effect):
 
     def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
         """Inertia of all masses, as gravity would pull on them."""
-        return -self.acceleration(t)[..., None] * weight(model, self.axis, q)
+        return -self.base_acceleration(t)[..., None] * weight(model, self.axis, q)
+
+    def slot(self, model: mujoco.MjModel) -> tuple[int, int]:
+        """Index of the axis."""
+        return self.axis, -1
 
     @property
     def axis(self) -> int:
-        """Of the world, along which the base moves."""
+        """Index of the axis of the world along which the base moves."""
         return {"x": 0, "z": 2}[self.where]
 
-    def acceleration(self, t: Array) -> Array:
-        """Of the base, m/s^2, at times."""
+    def base_acceleration(self, t: Array) -> Array:
+        """Acceleration of the base at times, m/s^2."""
         xp = functions(t)
         return self.a * xp.sin(self.w * t) + self.b * xp.cos(self.w * t)
 

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from keycld_envs.effects.base import Array, SensorEffect, parameter
+from keycld_envs.effects.base import Array, parameter
+from keycld_envs.effects.places import SensorEffect
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from keycld_envs.effects.base import Array, JointEffect, functions, parameter
+from keycld_envs.effects.base import Array, parameter
+from keycld_envs.effects.functions import functions
+from keycld_envs.effects.places import JointEffect
 
 COUNTS = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 14.0, 16.0, 18.0, 20.0, 23.0, 26.0)
 """Periods per turn, or per 2 pi m, that a search starts from."""

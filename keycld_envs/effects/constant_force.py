@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from keycld_envs.effects.base import Array, JointEffect, functions, parameter
+from keycld_envs.effects.base import Array, parameter
+from keycld_envs.effects.functions import functions
+from keycld_envs.effects.places import JointEffect
 
 
 @dataclass(frozen=True)
@@ -13,6 +15,7 @@ class ConstantForce(JointEffect):
     id: ClassVar[str] = "constant_force"
     family: ClassVar[str] = "force"
     equation: ClassVar[str] = "tau = f"
+    phrase: ClassVar[str] = "a constant force"
 
     f: float = parameter("N m", 0.02)
 

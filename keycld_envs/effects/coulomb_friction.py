@@ -5,7 +5,8 @@ from typing import ClassVar
 
 import mujoco
 
-from keycld_envs.effects.base import JointEffect, add_friction, parameter
+from keycld_envs.effects.base import Confusable, parameter
+from keycld_envs.effects.places import JointEffect, add_friction
 
 
 @dataclass(frozen=True)
@@ -15,6 +16,8 @@ class CoulombFriction(JointEffect):
     id: ClassVar[str] = "coulomb_friction"
     family: ClassVar[str] = "dissipation"
     equation: ClassVar[str] = "tau = -c*sign(qd)"
+    phrase: ClassVar[str] = "Coulomb friction"
+    confusable: ClassVar[Confusable | None] = Confusable("dry friction", {"c": 1.0})
 
     c: float = parameter("N m", 0.02, low=0.0)
 

@@ -5,7 +5,9 @@ from typing import ClassVar, Self
 
 import mujoco
 
-from keycld_envs.effects.base import Array, JointEffect, Seen, functions, parameter
+from keycld_envs.effects.base import Array, Seen, parameter
+from keycld_envs.effects.functions import functions
+from keycld_envs.effects.places import JointEffect
 
 DEPTHS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.6)
 """Shares of a joint's range that a search has beyond a stop."""
@@ -18,6 +20,7 @@ class EndStop(JointEffect):
     id: ClassVar[str] = "end_stop"
     family: ClassVar[str] = "structure"
     equation: ClassVar[str] = "tau = -side*max(0, k*x + d*side*qd), x = side*(q - at)"
+    phrase: ClassVar[str] = "an end stop"
 
     k: float = parameter("N m/rad", 0.5, low=0.0)
     d: float = parameter("N m s/rad", 0.02, low=0.0)

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from keycld_envs.effects.base import FREQUENCIES, Array, JointEffect, functions, parameter
+from keycld_envs.effects.base import Array, parameter
+from keycld_envs.effects.functions import functions
+from keycld_envs.effects.places import FREQUENCIES, JointEffect
 
 
 @dataclass(frozen=True)

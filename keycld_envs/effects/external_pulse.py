@@ -5,7 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, parameter
+from keycld_envs.effects.base import Array, parameter
+from keycld_envs.effects.places import JointEffect
 
 
 @dataclass(frozen=True)
@@ -15,6 +16,8 @@ class ExternalPulse(JointEffect):
     id: ClassVar[str] = "external_pulse"
     family: ClassVar[str] = "force"
     equation: ClassVar[str] = "tau = f for start <= t < start + duration"
+    phrase: ClassVar[str] = "an external pulse"
+    searched: ClassVar[bool] = False
 
     f: float = parameter("N m", 0.05)
     start: float = parameter("s", 0.02, grid=(0.0,))

@@ -1,12 +1,15 @@
 """Dry friction that gives way like a brush before it slides."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, Seen, functions, parameter
+from keycld_envs.effects.base import Array, Confusable, Seen, parameter
+from keycld_envs.effects.functions import functions
+from keycld_envs.effects.places import JointEffect
 from keycld_envs.effects.stribeck_friction import FADING
 
 
@@ -20,8 +23,9 @@ class HystereticFriction(JointEffect):
     id: ClassVar[str] = "hysteretic_friction"
     family: ClassVar[str] = "dissipation"
     equation: ClassVar[str] = "tau = -(s*z + d*dz/dt), dz/dt = qd - s*|qd|*z/(c + extra*exp(-(qd/vs)^2))"
+    confusable: ClassVar[Confusable | None] = Confusable("dry friction", {"c": 1.0})
     memory: ClassVar[int] = 1
-    unsettled: ClassVar[tuple[float, ...]] = (0.03,)
+    memory_spread: ClassVar[tuple[float, ...]] = (0.03,)
 
     c: float = parameter("N m", 0.02, low=0.0)
     extra: float = parameter("N m", 0.02, low=0.0)
@@ -35,7 +39,7 @@ class HystereticFriction(JointEffect):
         return super().grids(model, seen) | {"vs": tuple(float(np.clip(s * usual, 0.02, 5.0)) for s in FADING)}
 
     def begin(self, model: mujoco.MjModel, v: Array) -> Array:
-        """Slipping."""
+        """Bristles slip."""
         return self.slipping(v[..., self.dof(model), None])
 
     def advance(
@@ -43,7 +47,7 @@ class HystereticFriction(JointEffect):
     ) -> tuple[Array, Array]:
         """Exact for constant speed."""
         dof, out = self.dof(model), np.zeros_like(v)
-        out[..., dof], bent = self.rub(memory[..., 0], v[..., dof], h)
+        out[..., dof], bent = self.slide(memory[..., 0], v[..., dof], h)
         return out, bent[..., None]
 
     def slipping(self, speed: Array) -> Array:
@@ -51,7 +55,22 @@ class HystereticFriction(JointEffect):
         xp = functions(speed)
         return (self.c + self.extra * xp.exp(-((speed / self.vs) ** 2))) / self.s * xp.sign(speed)
 
-    def rub(self, bent: Array, speed: Array, h: float) -> tuple[Array, Array]:
+    def begin_compiled(self, v: Array) -> tuple[Array, ...]:
+        """Bristles slip."""
+        return (self.slipping(v),)
+
+    def remembered(self, memory: tuple[Array, ...], v: Array, motor: Array, h: float) -> tuple[Array, ...]:
+        """Deflection of the bristles."""
+        return (self.slide(memory[0], v, h)[1],)
+
+    def compiled_force(
+        self, memory: tuple[Array, ...], t: Array, q: Array, v: Array, motor: Callable[[], Array], h: float
+    ) -> tuple[Array | None, tuple[Array, ...]]:
+        """Force of the bristles."""
+        force, bent = self.slide(memory[0], v, h)
+        return force, (bent,)
+
+    def slide(self, bent: Array, speed: Array, h: float) -> tuple[Array, Array]:
         """Mean torque and deflection after a step at constant speed; all `[...]`."""
         xp, steady = functions(speed), self.slipping(speed)
         there = xp.asarray(self.c + self.extra > 0)

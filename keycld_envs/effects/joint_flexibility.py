@@ -7,7 +7,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from keycld_envs.effects.base import Array, TransmissionEffect, parameter
+from keycld_envs.effects.base import Array, parameter
+from keycld_envs.effects.transmission import TransmissionEffect
 
 SOFT, STIFF = 0.5, 2000.0
 """Stiffness at least and at most, N m/rad."""

@@ -7,7 +7,9 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, flat, parameter, smooth_sign
+from keycld_envs.effects.base import Array, Confusable, parameter
+from keycld_envs.effects.functions import smooth_sign
+from keycld_envs.effects.places import JointEffect, flat
 
 
 @dataclass(frozen=True)
@@ -20,10 +22,13 @@ class LoadDependentFriction(JointEffect):
     id: ClassVar[str] = "load_dependent_friction"
     family: ClassVar[str] = "dissipation"
     equation: ClassVar[str] = "tau = -mu*|N|*sign(qd)"
+    program: ClassVar[str | None] = "load"
+    confusable: ClassVar[Confusable | None] = Confusable("dry friction", {"mu": 0.1}, on_rails=True)
+    """A bearing is thought to carry 10 N."""
 
     mu: float = parameter("m or 1", 0.002, low=0.0)
 
-    def dry(self, q: Array, v: Array, load: Callable[[], Array]) -> Array:
+    def dry_friction(self, q: Array, v: Array, load: Callable[[], Array]) -> Array:
         """In proportion to the load."""
         return self.mu * load()
 

@@ -6,7 +6,9 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, Effect, flat, functions, parameter
+from keycld_envs.effects.base import EVERY, Array, Effect, parameter
+from keycld_envs.effects.functions import functions
+from keycld_envs.effects.places import flat
 
 
 @dataclass(frozen=True)
@@ -16,6 +18,7 @@ class MassDrift(Effect):
     id: ClassVar[str] = "parameter_drift"
     family: ClassVar[str] = "time-varying"
     kind: ClassVar = "body"
+    program: ClassVar[str | None] = EVERY
     equation: ClassVar[str] = "m(t) = m*(1 + r*t)"
 
     r: float = parameter("1/s", 0.01, low=-0.2, high=0.5)
@@ -25,8 +28,8 @@ class MassDrift(Effect):
         """Every body that moves in joints of its own."""
         return tuple(cls(model.body(b).name) for b in range(1, model.nbody) if model.body_dofnum[b])
 
-    def factor(self, t: Array) -> Array:
-        """Of the mass, at times."""
+    def mass_factor(self, t: Array) -> Array:
+        """Factor of the mass at times."""
         return functions(t).maximum(0.05, 1 + self.r * t)
 
     def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
@@ -40,7 +43,7 @@ class MassDrift(Effect):
         times = np.broadcast_to(t, v.shape[:-1]).ravel()
         for row, time, position, velocity, command in zip(out, times, *states, strict=True):
             data.qpos[:], data.qvel[:], data.ctrl[:] = position, velocity, command
-            factor = self.factor(np.asarray(time))
+            factor = self.mass_factor(np.asarray(time))
             model.body_mass[body], model.body_inertia[body] = factor * mass, factor * inertia
             mujoco.mj_forward(model, data)
             acceleration = data.qacc.copy()

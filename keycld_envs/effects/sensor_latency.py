@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from keycld_envs.effects.base import Array, SensorEffect, parameter
+from keycld_envs.effects.base import Array, Confusable, parameter
+from keycld_envs.effects.places import SensorEffect
 
 
 @dataclass(frozen=True)
@@ -12,6 +13,8 @@ class SensorLatency(SensorEffect):
 
     id: ClassVar[str] = "sensor_latency"
     equation: ClassVar[str] = "y(t) = q(t - d)"
+    confusable: ClassVar[Confusable | None] = Confusable("lateness", {"d": 1.0})
+    same_everywhere: ClassVar[str] = "actuator_delay"
 
     d: float = parameter("s", 0.01)
 

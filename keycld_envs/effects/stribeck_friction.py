@@ -7,7 +7,9 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_envs.effects.base import Array, JointEffect, Seen, add_friction, functions, parameter, smooth_sign
+from keycld_envs.effects.base import Array, Confusable, Seen, parameter
+from keycld_envs.effects.functions import functions, smooth_sign
+from keycld_envs.effects.places import JointEffect, add_friction
 
 FADING = (0.08, 0.3)
 """Shares of the usual speed at which dry friction has fallen, that a search starts from."""
@@ -20,6 +22,8 @@ class StribeckFriction(JointEffect):
     id: ClassVar[str] = "stribeck_friction"
     family: ClassVar[str] = "dissipation"
     equation: ClassVar[str] = "tau = -(c + extra*exp(-(qd/vs)^2))*sign(qd)"
+    phrase: ClassVar[str] = "Stribeck friction"
+    confusable: ClassVar[Confusable | None] = Confusable("dry friction", {"c": 1.0})
 
     c: float = parameter("N m", 0.02, low=0.0)
     extra: float = parameter("N m", 0.02, low=0.0)
@@ -39,10 +43,10 @@ class StribeckFriction(JointEffect):
         """Add the sliding part to the joint's friction loss."""
         add_friction(model, self.dof(model), self.c)
 
-    def dry(self, q: Array, v: Array, load: Callable[[], Array]) -> Array:
+    def dry_friction(self, q: Array, v: Array, load: Callable[[], Array]) -> Array:
         """The part that fades with speed."""
         return self.extra * functions(v).exp(-((v / self.vs) ** 2))
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """The same against the motion."""
-        return -self.dry(q, v, lambda: v) * smooth_sign(v)
+        return -self.dry_friction(q, v, lambda: v) * smooth_sign(v)

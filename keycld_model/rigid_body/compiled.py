@@ -19,6 +19,7 @@ from keycld_model.rigid_body.effects import EffectSlots, residual_numbers
 from keycld_model.rigid_body.engine import Copies
 from keycld_model.rigid_body.equations import TreeNumbers, acceleration, balance, bearing_force, motor_torque
 from keycld_model.rigid_body.friction import exact_stiction
+from keycld_model.rigid_body.residual_force import AnyArray
 from keycld_model.rigid_body.scalars import Traced
 from keycld_model.rigid_body.tree import RigidBodyTree
 
@@ -40,7 +41,7 @@ class CompiledBatch:
 
     slots: EffectSlots
     chunks: list[tuple[Traced, Traced]]
-    residual: tuple[Array, ...]
+    residual: tuple[AnyArray, ...]
     step: float
 
 
@@ -126,7 +127,7 @@ class Program(Protocol):
     """Compiled steps of N rollouts."""
 
     def __call__(
-        self, numbers: Traced, motion: Motion, control: Array, steps: int, h: float, residual: tuple[Array, ...]
+        self, numbers: Traced, motion: Motion, control: Array, steps: int, h: float, residual: tuple[AnyArray, ...]
     ) -> tuple[Motion, Traced]:
         """Where the rollouts are after their steps, and their states `[S, 2 nv, N]`.
 

@@ -1,7 +1,7 @@
 """Effects that push, inside the compiled steps of a mechanism.
 
-A program has a slot for every effect of its kinds at every place, so that programs are few: what is absent has numbers
-that make it nothing.
+A program has a slot for every effect of its groups at every place, so that programs are few: what is absent has
+parameters that make it nothing.
 """
 
 import functools
@@ -16,49 +16,28 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.effects import (
-    EFFECTS,
-    BaseMotion,
-    Effect,
-    GainDrift,
-    HystereticFriction,
-    LoadDependentFriction,
-    MassDrift,
-)
-from keycld_envs.effects.base import LIGHTEST, ActuatorEffect, JointEffect, TransmissionEffect, using
-from keycld_model.rigid_body.residual_force import Features, ResidualForce
-from keycld_model.rigid_body.scalars import Quick
+from keycld_envs.effects import EFFECTS, Effect
+from keycld_envs.effects.base import EVERY
+from keycld_envs.effects.functions import using
+from keycld_model.rigid_body.residual_force import AnyArray, Features, ResidualForce
+from keycld_model.rigid_body.scalars import Quick, Traced
 
 Array = NDArray[np.float64]
-
-
-def _pushes_a_joint(kind: type[Effect]) -> bool:
-    return issubclass(kind, JointEffect) and kind.torque is not JointEffect.torque
-
-
-LIGHT = tuple(
-    kind
-    for kind in EFFECTS.values()
-    if _pushes_a_joint(kind) or kind in (HystereticFriction, BaseMotion, MassDrift, GainDrift)
-)
-"""Cheap enough to be in every program with effects."""
-HEAVY = (
-    tuple(kind for kind in EFFECTS.values() if issubclass(kind, TransmissionEffect)),
-    (LoadDependentFriction,),
-)
-"""In a program only if some variant has one of the group."""
-
-
+TracedEffect = Any
+"""An effect whose parameters are arrays over rollouts while a program is traced, in place of numbers."""
+Memory = tuple[Traced, ...]
+"""What an effect remembers, each number `[...]`."""
 SHAPE = 256, 16, 8
-"""Steps, variants and recordings are filled up to multiples of these where memories are computed."""
+"""Steps, variants and recordings are filled up to multiples of these where memories are computed, for each shape is
+compiled anew."""
 
 
 @dataclass(frozen=True)
-class Slot:
+class EffectSlot:
     """Where an effect can be.
 
     Attributes:
-        absent: the effect, with numbers that make it nothing.
+        absent: the effect, with parameters that make it nothing.
         at: index of its joint, body (the world is no body) or axis of the world.
         motor: index of its actuator, or -1.
     """
@@ -69,21 +48,26 @@ class Slot:
 
     @property
     def key(self) -> tuple[str, str]:
-        """What, and where."""
+        """What the effect is, and where."""
         return self.absent.key
 
     @functools.cached_property
     def names(self) -> tuple[str, ...]:
-        """Of its numbers."""
-        return tuple(f.name for f in fields(self.absent) if f.name != "where")
+        """Names of the effect's numbers."""
+        return _names(type(self.absent))
 
     def numbers(self, effect: Effect) -> list[float]:
-        """Those of an effect."""
+        """Numbers of an effect of the slot's kind."""
         return [float(getattr(effect, name)) for name in self.names]
 
-    def filled(self, numbers: Any) -> Any:
+    def filled(self, numbers: Sequence[Traced]) -> TracedEffect:
         """The effect with these numbers, each `[N]`."""
         return replace(self.absent, **dict(zip(self.names, numbers, strict=True)))
+
+
+def _names(kind: type[Effect]) -> tuple[str, ...]:
+    """Fields of an effect that hold numbers."""
+    return tuple(f.name for f in fields(kind) if f.name != "where")
 
 
 @dataclass(frozen=True)
@@ -101,56 +85,65 @@ class AppliedEffects:
 
 @dataclass(frozen=True)
 class EffectSlots:
-    """All of a program, and which joints turn if it has a residual force."""
+    """All slots of a program.
 
-    slots: tuple[Slot, ...] = ()
+    Attributes:
+        slots: in the order of their numbers.
+        turning: which joints turn, if the program has a residual force; None otherwise.
+    """
+
+    slots: tuple[EffectSlot, ...] = ()
     turning: tuple[bool, ...] | None = None
 
     @classmethod
     def of(cls, model: mujoco.MjModel, effects: Iterable[Effect]) -> "EffectSlots":
-        """What takes some effects; empty if there are none."""
+        """Slots that take some effects; empty if there are none."""
         kinds = {type(effect) for effect in effects}
         if not kinds:
             return cls()
         turning = tuple(bool(t == mujoco.mjtJoint.mjJNT_HINGE) for t in model.jnt_type)
+        groups = dict.fromkeys((EVERY, *(kind.program for kind in EFFECTS.values() if kind.program is not None)))
+        wanted = {EVERY, *(kind.program for kind in kinds)}
         out = {}
-        for kind in itertools.chain(LIGHT, *(group for group in HEAVY if kinds.intersection(group))):
-            for effect in kind.candidates(model):
-                slot = _slot(model, effect)
-                out.setdefault(slot.key, slot)
+        for group in groups:
+            for kind in EFFECTS.values() if group in wanted else ():
+                for effect in kind.candidates(model) if kind.program == group else ():
+                    if effect.forces:
+                        slot = EffectSlot(effect, *effect.slot(model))
+                        out.setdefault(slot.key, slot)
         return cls(tuple(out.values()), turning if ResidualForce in kinds else None)
 
     def numbers(self, effects: Sequence[Effect]) -> Array:
-        """Those of some effects, `[K]`."""
+        """Numbers of all slots with some effects in them, `[K]`."""
         here = {effect.key: effect for effect in effects}
         return np.array([x for slot in self.slots for x in slot.numbers(here.get(slot.key, slot.absent))])
 
-    def remembered(self, pushing: AppliedEffects, windows: int) -> Array:
-        """Memories at the starts of windows, `[W, M]`."""
-        pairs = zip(pushing.effects, pushing.memories, strict=True)
+    def remembered(self, applied: AppliedEffects, windows: int) -> Array:
+        """Memories of all slots at the starts of windows, `[W, M]`."""
+        pairs = zip(applied.effects, applied.memories, strict=True)
         here = {effect.key: memory for effect, memory in pairs}
         empty = np.zeros((windows, 0))
         parts = [here.get(slot.key, np.zeros((windows, slot.absent.memory))) for slot in self.slots]
         return np.concatenate([empty, *parts], axis=1)
 
-    def traced(self, numbers: Any, smooth: tuple[Any, ...]) -> "TracedEffects":
-        """With numbers `[K, N]` and those of a residual force, while a program is traced."""
+    def traced(self, numbers: Traced, residual: Sequence[Traced]) -> "TracedEffects":
+        """Effects with numbers `[K, N]`, and those of a residual force, while a program is traced."""
         ends = np.cumsum([len(slot.names) for slot in self.slots])[:-1]
         pieces = jnp.split(numbers, ends) if self.slots else []
         filled = [(slot, slot.filled(list(piece))) for slot, piece in zip(self.slots, pieces, strict=True)]
         if self.turning is None:
             return TracedEffects(filled, None)
-        *features, weights = smooth
+        *features, weights = residual
         return TracedEffects(filled, (Features(np.array(self.turning), *features), weights))
 
 
 def compiles(effect: Effect) -> bool:
     """Whether an effect that pushes can be in a program."""
-    return type(effect) in itertools.chain(LIGHT, *HEAVY, (ResidualForce,))
+    return effect.program is not None
 
 
-def residual_numbers(effects: Iterable[Effect]) -> tuple[Array, ...]:
-    """Those of the one residual force among effects; empty if there is none.
+def residual_numbers(effects: Iterable[Effect]) -> tuple[AnyArray, ...]:
+    """Numbers of the one residual force among effects; empty if there is none.
 
     Raises:
         ValueError: if there are several.
@@ -164,59 +157,49 @@ def residual_numbers(effects: Iterable[Effect]) -> tuple[Array, ...]:
     return *force.features.numbers, force.weights
 
 
-def _slot(model: mujoco.MjModel, effect: Effect) -> Slot:
-    if isinstance(effect, ActuatorEffect):
-        return Slot(effect, effect.dof(model), int(model.actuator(effect.where).id))
-    if isinstance(effect, JointEffect):
-        return Slot(effect, effect.dof(model))
-    if isinstance(effect, BaseMotion):
-        return Slot(effect, effect.axis)
-    return Slot(effect, int(model.body(effect.where).id) - 1)
-
-
 @dataclass(frozen=True)
 class TracedEffects:
     """Effects while a program is traced; every number is an array over N rollouts.
 
     Attributes:
         effects: in their slots.
-        smooth: features and weights of a residual force, of all rollouts.
+        residual: features and weights of a residual force, of all rollouts.
     """
 
-    effects: list[tuple[Slot, Any]]
-    smooth: tuple[Features, Any] | None
+    effects: list[tuple[EffectSlot, TracedEffect]]
+    residual: tuple[Features, Traced] | None
 
-    def surroundings(self, bodies: Any, gravity: Any, t: Any) -> tuple[Any, list[Any]]:
+    def surroundings(self, bodies: Traced, gravity: Sequence[Traced], t: Traced) -> tuple[Traced, tuple[Traced, ...]]:
         """Numbers of bodies `[nb, 10, N]` and gravity, at times `[N]`."""
-        gravity = list(gravity)
+        pull = list(gravity)
         with using(Quick()):
             for slot, effect in self.effects:
-                if isinstance(effect, BaseMotion):
-                    gravity[slot.at] = gravity[slot.at] - effect.acceleration(t)
-                elif isinstance(effect, MassDrift):
+                if (acceleration := effect.base_acceleration(t)) is not None:
+                    pull[slot.at] = pull[slot.at] - acceleration
+                if (factor := effect.mass_factor(t)) is not None:
                     heavy = jnp.array([0, 4, 5, 6])  # mass and moments of inertia
-                    bodies = bodies.at[slot.at, heavy].multiply(effect.factor(t))
-        return bodies, gravity
+                    bodies = bodies.at[slot.at, heavy].multiply(factor)
+        return bodies, tuple(pull)
 
-    def dry_friction(self, friction: Any, q: Any, v: Any, load: Callable[[int], Any]) -> Any:
+    def dry_friction(self, friction: Traced, q: Traced, v: Traced, load: Callable[[int], Traced]) -> Traced:
         """Dry friction `[nv, N]` with that of effects, for positions, velocities, and forces in bearings of joints."""
         with using(Quick()):
             for slot, effect in self.effects:
-                if isinstance(effect, JointEffect) and effect.rubs:
-                    more = effect.dry(q[slot.at], v[slot.at], functools.partial(load, slot.at))
+                if effect.has_dry_friction:
+                    more = effect.dry_friction(q[slot.at], v[slot.at], functools.partial(load, slot.at))
                     friction = friction.at[slot.at].add(more)
         return jnp.maximum(friction, 0.0)
 
     def forces(
         self,
-        memory: Any,
-        t: Any,
-        q: Any,
-        v: Any,
-        u: Any,
-        motor: Callable[[int], Any],
-        h: Any,
-    ) -> tuple[Any, Any]:
+        memory: Traced,
+        t: Traced,
+        q: Traced,
+        v: Traced,
+        u: Traced,
+        motor: Callable[[int], Traced],
+        h: Traced,
+    ) -> tuple[Traced, Traced]:
         """Mean forces on the joints over a step, `[nv, N]`, and what effects remember after it.
 
         Args:
@@ -228,38 +211,23 @@ class TracedEffects:
             motor: torque of an actuator, `[N]`.
             h: s.
         """
+        force, left, after = [jnp.zeros_like(x) for x in v], iter(memory), []
         with using(Quick()):
-            force, left, after = [jnp.zeros_like(x) for x in v], iter(memory), []
-            if self.smooth is not None:
-                features, weights = self.smooth
+            if self.residual is not None:
+                features, weights = self.residual
                 force = list((features(q.T, v.T, u.T) @ weights).T)
             for slot, effect in self.effects:
-                at, push = slot.at, None
-                if isinstance(effect, HystereticFriction):
-                    push, bent = effect.rub(next(left), v[at], h)
-                    after.append(bent)
-                elif isinstance(effect, TransmissionEffect):
-                    push, rotor = _transmitted(effect, (next(left), next(left)), motor(slot.motor), v[at], h)
-                    after.extend(rotor)
-                elif isinstance(effect, GainDrift):
-                    push = effect.change(t, motor(slot.motor))
-                elif isinstance(effect, JointEffect) and not effect.rubs:
-                    push = effect.torque(t, q[at], v[at])
+                at, own = slot.at, tuple(itertools.islice(left, effect.memory))
+                if effect.kind not in ("joint", "actuator"):
+                    continue
+                push, own = effect.compiled_force(own, t, q[at], v[at], functools.partial(motor, slot.motor), h)
+                after.extend(own)
                 if push is not None:
                     force[at] = force[at] + push
         return jnp.stack(force), jnp.stack(after) if after else memory
 
 
-def _transmitted(effect: TransmissionEffect, memory: Any, motor: Any, speed: Any, h: Any) -> Any:
-    """See `TransmissionEffect.transmit`; its many substeps only where some rollout has a rotor."""
-    return jax.lax.cond(
-        jnp.any(effect.rotor >= LIGHTEST),
-        lambda: effect.transmit(memory, motor, speed, h),
-        lambda: (jnp.zeros_like(speed), memory),
-    )
-
-
-def memories(effects: Sequence[Any], motor: Array, speed: Array, starts: Array, h: float) -> Array:
+def memories(effects: Sequence[Effect], motor: Array, speed: Array, starts: Array, h: float) -> Array:
     """What effects of one kind remember along recordings, `[T + 1, V, R, memory]`.
 
     Args:
@@ -269,9 +237,9 @@ def memories(effects: Sequence[Any], motor: Array, speed: Array, starts: Array, 
         starts: what they remember at first, beyond where they begin, `[V, R, memory]`.
         h: s per step.
     """
-    kind, names = type(effects[0]), Slot(effects[0], 0).names
+    kind, names = type(effects[0]), _names(type(effects[0]))
     steps, variants, recordings = motor.shape
-    rows = [*effects, *[effects[0]] * (-variants % SHAPE[1])]  # few shapes, for each is compiled
+    rows = [*effects, *[effects[0]] * (-variants % SHAPE[1])]
     numbers = [np.array([[float(getattr(effect, name))] for effect in rows]) for name in names]
     more = -steps % SHAPE[0], len(rows) - variants, -recordings % SHAPE[2]
     motor = np.pad(motor, [(0, m) for m in more])
@@ -282,25 +250,22 @@ def memories(effects: Sequence[Any], motor: Array, speed: Array, starts: Array, 
 
 
 @functools.lru_cache(maxsize=16)
-def _along(kind: type[Effect], names: tuple[str, ...]) -> Any:
-    def along(numbers: Any, motor: Any, speed: Any, starts: Any, h: Any) -> Any:
-        effect: Any = kind("", **dict(zip(names, numbers, strict=True)))
+def _along(kind: type[Effect], names: tuple[str, ...]) -> Callable[..., Traced]:
+    """The program of `memories` for a kind of effect."""
+
+    def along(numbers: Sequence[Traced], motor: Traced, speed: Traced, starts: Traced, h: Traced) -> Traced:
+        effect: TracedEffect = kind("", **dict(zip(names, numbers, strict=True)))
         first = jnp.broadcast_to(speed[0], motor.shape[1:])
 
-        def step(memory: Any, now: Any) -> Any:
+        def step(memory: Memory, now: tuple[Traced, Traced]) -> tuple[Memory, Memory]:
             torque, v = now[0], jnp.broadcast_to(now[1], first.shape)
             with using(Quick()):
-                if kind is HystereticFriction:
-                    memory = effect.rub(memory, v, h)[1]
-                else:
-                    memory = effect.transmit(memory, torque, v, h)[1]
+                memory = effect.remembered(memory, v, torque, h)
             return memory, memory
 
-        begun = effect.slipping(first) if kind is HystereticFriction else (jnp.zeros_like(first), first)
-        leaves, tree = jax.tree.flatten(begun)
-        start = jax.tree.unflatten(tree, [leaf + starts[..., i] for i, leaf in enumerate(leaves)])
+        start = tuple(begun + starts[..., i] for i, begun in enumerate(effect.begin_compiled(first)))
         after = jax.lax.scan(step, start, (motor, speed))[1]
-        path = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, after)
-        return jnp.stack(jax.tree.leaves(path), axis=-1)
+        path = [jnp.concatenate([a[None], b]) for a, b in zip(start, after, strict=True)]
+        return jnp.stack(path, axis=-1)
 
     return jax.jit(along)

@@ -1,16 +1,21 @@
-"""A force without a name: a smooth function of the joints' state."""
+"""The residual force: a smooth function of the joints' state, which stands for what no effect explains."""
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar, TypeVar
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
-from keycld_envs.effects.base import functions
+from keycld_envs.effects.base import EVERY
+from keycld_envs.effects.functions import functions
+from keycld_model.rigid_body.scalars import Traced
 
 Array = NDArray[np.float64]
+AnyArray = Array | Traced
+"""Of NumPy, or of a program while it is traced."""
+Numbers = TypeVar("Numbers", Array, Traced)
 OWN, DRIVEN, COMMON = 120, 24, 40
 """Random features (Rahimi and Recht, 2007) of each joint's own state, of positions for each command, which they are
 multiplied by, and of all states and commands."""
@@ -33,15 +38,15 @@ class Features:
     """
 
     hinge: NDArray[np.bool_]
-    middle: Array
-    spread: Array
-    least: Array
-    most: Array
-    frequency: Array
-    phase: Array
+    middle: AnyArray
+    spread: AnyArray
+    least: AnyArray
+    most: AnyArray
+    frequency: AnyArray
+    phase: AnyArray
 
     @property
-    def numbers(self) -> tuple[Array, ...]:
+    def numbers(self) -> tuple[AnyArray, ...]:
         """All but which joints turn."""
         return self.middle, self.spread, self.least, self.most, self.frequency, self.phase
 
@@ -65,7 +70,7 @@ class Features:
         beyond = BEYOND * (high - low)
         return cls(hinge, flat.mean(axis=0), flat.std(axis=0) + 1e-9, low - beyond, high + beyond, frequency, phase)
 
-    def __call__(self, q: Any, v: Any, u: Any) -> Any:
+    def __call__(self, q: Numbers, v: Numbers, u: Numbers) -> Numbers:
         """`[..., 1 + d + k]`: one, the inputs, and random cosines."""
         xp, number, motors = functions(q), self.frequency.shape[1], u.shape[-1]
         inputs = _inputs(self.hinge, q, v, u)[0]
@@ -88,8 +93,8 @@ class Features:
         return out
 
 
-def _inputs(hinge: NDArray[np.bool_], q: Any, v: Any, u: Any) -> tuple[Any, NDArray[np.int64]]:
-    """Numbers `[..., d]` that stand for a state and commands, and the joint of each, -1 for commands."""
+def _inputs(hinge: NDArray[np.bool_], q: Numbers, v: Numbers, u: Numbers) -> tuple[Numbers, NDArray[np.int64]]:
+    """Inputs `[..., d]` of the features that stand for a state and commands, and the joint of each, -1 for commands."""
     xp, angle, joint = functions(q), q[..., hinge], np.arange(len(hinge))
     owners = np.concatenate([joint[hinge], joint[hinge], joint[~hinge], joint, np.full(u.shape[-1], -1)])
     return xp.concatenate([xp.sin(angle), xp.cos(angle), q[..., ~hinge], v, u], axis=-1), owners
@@ -109,6 +114,9 @@ class ResidualForce(Effect):
     family: ClassVar[str] = "unknown"
     kind: ClassVar[str] = "joint"  # pyright: ignore[reportIncompatibleVariableOverride]
     equation: ClassVar[str] = "tau = f(q, qd, u)"
+    phrase: ClassVar[str] = "unknown physics"
+    searched: ClassVar[bool] = False
+    program: ClassVar[str | None] = EVERY
 
     features: Features = field(repr=False)
     weights: Array = field(repr=False)

@@ -149,6 +149,11 @@ class Quick:
         """A loop that is compiled once."""
         return jax.lax.fori_loop(0, number, lambda _, now: step(now), state)
 
+    @staticmethod
+    def if_any(condition: Traced, then: Callable[[], State], otherwise: Callable[[], State]) -> State:
+        """One branch or the other, of which only one is computed."""
+        return jax.lax.cond(jnp.any(condition), then, otherwise)
+
     def __getattr__(self, name: str) -> Any:
         return getattr(jnp, name)
 

@@ -6,6 +6,8 @@ import pytest
 
 from keycld_envs.effects import (
     EFFECTS,
+    ActuatorDelay,
+    ActuatorLag,
     AddedInertia,
     AddedMass,
     AsymmetricFriction,
@@ -16,6 +18,7 @@ from keycld_envs.effects import (
     JointFlexibility,
     LoadDependentFriction,
     MassDrift,
+    SensorLatency,
 )
 from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.effects.base_motion import weight
@@ -30,7 +33,7 @@ def one_step(model, effects):
     data.qpos[:], data.qvel[:], data.ctrl[:] = 0.7, 1.5, 0.8
     for effect in effects:
         effect.edit(model)
-        data.ctrl[:] = effect.command(model, np.repeat(data.ctrl[None], 5, axis=0), 0.01)[-1]
+        data.ctrl[:] = effect.command(model, np.linspace(0.2, 1.0, 5)[:, None] * data.ctrl, 0.01)[-1]
     mujoco.mj_setConst(model, mujoco.MjData(model))
     for effect in effects:
         memory = effect.begin(model, data.qvel)
@@ -60,9 +63,86 @@ def test_an_effect_names_its_place_and_does_something_only_if_present(effect, sy
         changes = {p.name: p.absent + 5 * p.scale for p in coefficients}
         changes |= {p.name: p.grid[0] for p in effect.parameters() if p.grid}
         present = type(absent)(absent.where, **changes)
-        if effect.id not in ("actuator_lag", "actuator_delay", "end_stop", "external_pulse"):  # need a past, or a pose
-            changed = one_step(SYSTEMS[system].compile(), [present]) - one_step(SYSTEMS[system].compile(), [])
-            assert np.abs(changed).max() > 1e-6
+        changed = one_step(SYSTEMS[system].compile(), [present]) - one_step(SYSTEMS[system].compile(), [])
+        assert np.abs(changed).max() > 1e-6
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)
+def test_an_effect_says_how_it_is_compiled_named_and_confused(effect):
+    names, ids = {p.name for p in effect.parameters()}, {kind.id for kind in EFFECTS.values()}
+    assert effect.phrase.removeprefix("an ").removeprefix("a ").lower() in ("", effect.id.replace("_", " "))
+    assert len(effect.memory_spread) == effect.memory
+    assert {effect.limiting_case, effect.same_everywhere} <= {"", *ids} - {effect.id}
+    if effect.confusable:
+        group = [k for k in EFFECTS.values() if k.confusable and k.confusable.group == effect.confusable.group]
+        assert len(group) > 1 and names.issuperset(effect.confusable.unit)
+    for absent in effect.candidates(SYSTEMS["cartpole"].compile()):
+        assert not absent.forces or effect.program, (
+            "An effect that pushes is stepped slowly, by NumPy, without a program."
+        )
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS.values() if e.program], ids=lambda effect: effect.__name__)
+def test_a_compiled_force_is_the_one_of_steps_by_hand(effect):
+    """As far as the force on a joint says it: dry friction, the base and masses are compared along motions."""
+    model, rng, h = SYSTEMS["cartpole"].compile(), np.random.default_rng(0), 0.01
+    t, q, v, u = rng.uniform(0, 1, 7), *(rng.normal(0, 1, (7, n)) for n in (model.nv, model.nv, model.nu))
+    for absent in effect.candidates(model):
+        changes = {p.name: p.grid[0] if p.grid else p.absent + 5 * p.scale for p in effect.parameters()}
+        present = absent.with_parameters(**changes)
+        begun = present.begin(model, v)
+        at, motor = present.slot(model)
+        if present.kind not in ("joint", "actuator"):
+            other = present.base_acceleration(t) if present.kind == "world" else present.mass_factor(t)
+            assert other is not None and other.shape == t.shape
+            continue
+        torque = model.actuator_gear[motor, 0] * model.actuator_gainprm[motor, 0] * u[:, motor]
+        memory = present.begin_compiled(v[:, at])
+        np.testing.assert_array_equal(np.reshape(memory, (effect.memory, 7)).T, begun)
+        force, after = present.compiled_force(memory, t, q[:, at], v[:, at], lambda torque=torque: torque, h)
+        by_hand, remembered = present.advance(model, begun, t, q, v, u, h)
+        assert np.count_nonzero(np.abs(by_hand).max(axis=0)) <= 1
+        if present.has_dry_friction:
+            assert force is None
+        elif present.forces:
+            np.testing.assert_allclose(force, by_hand[:, at], rtol=1e-12)
+            np.testing.assert_allclose(np.reshape(after, (effect.memory, 7)).T, remembered, rtol=1e-12)
+            steps = present.remembered(memory, v[:, at], torque, h)
+            np.testing.assert_array_equal(np.reshape(steps, (effect.memory, 7)), np.reshape(after, (effect.memory, 7)))
+
+
+def within_bounds(effect):
+    return all(p.low <= getattr(effect, p.name) <= p.high for p in effect.parameters())
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)
+def test_no_number_is_beyond_its_bounds(effect):
+    for absent in effect.candidates(SYSTEMS["cartpole"].compile()):
+        for size in (-1e9, 0.0, 1e9):
+            assert within_bounds(absent.with_parameters(**{p.name: size for p in effect.parameters()}))
+            assert within_bounds(absent.of_size(size))
+
+
+def test_a_sensor_ahead_of_time_is_confused_with_no_late_motor():
+    model = SYSTEMS["acrobot"].compile()
+    others = [place for kind in EFFECTS.values() for place in kind.candidates(model)]
+    late = list(SensorLatency(d=0.01).confusable_with(others, model))
+    assert {type(e) for e in late} == {ActuatorDelay, ActuatorLag}
+    assert all(e.size == 0.01 and within_bounds(e) for e in late)
+    assert not list(SensorLatency(d=-0.01).confusable_with(others, model))
+    assert ActuatorDelay(late[0].where).of_size(-0.01).d == 0.0
+
+
+def test_dry_friction_is_confused_at_its_own_joint_and_with_a_load_on_rails_only():
+    for system, joint, rails in (("cartpole", "hinge_1", True), ("acrobot", "elbow", False)):
+        model = SYSTEMS[system].compile()
+        others = [place for kind in EFFECTS.values() for place in kind.candidates(model)]
+        found = list(CoulombFriction(joint, c=0.3).confusable_with([*others, *others], model))
+        assert {e.where for e in found} == {joint} and all(e.size == pytest.approx(0.3) for e in found)
+        assert (
+            len(found) == len({e.key for e in found})
+            and any(e.confusable.on_rails for e in found if e.confusable) == rails
+        )
 
 
 def test_the_taxonomy_names_them():

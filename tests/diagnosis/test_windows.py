@@ -77,7 +77,7 @@ def test_what_a_shaft_does_at_the_start_of_a_recording_is_fitted():
     windows = cut(runs, 0.01, 40)
     problem = Problem(simulator, windows, np.full(1, 1e-3))
     truth = problem.start().with_effects(shaft)
-    ringing = np.random.default_rng(0).normal(size=(4, 2)) * shaft.unsettled
+    ringing = np.random.default_rng(0).normal(size=(4, 2)) * shaft.memory_spread
     variant = replace(truth.variant, starts=ringing)
     which = np.zeros(1, dtype=np.int64)
     seen = simulator.simulate([variant], which, windows, truth.q[None], truth.v[None])[0]
@@ -89,6 +89,6 @@ def test_what_a_shaft_does_at_the_start_of_a_recording_is_fitted():
     assert isinstance(found, JointFlexibility)
     assert (found.k / found.j) ** 0.5 == pytest.approx(20, rel=0.05)
     assert fit.deviations().shape == (3,)
-    assert (np.abs(np.asarray(fit.point.variant.starts) - ringing) < 0.35 * np.array(shaft.unsettled)).all()
+    assert (np.abs(np.asarray(fit.point.variant.starts) - ringing) < 0.35 * np.array(shaft.memory_spread)).all()
     again = replay(problem, fit)  # of other recordings, too, only what the shaft does at their start is fitted
     assert again.effects == fit.effects and again.chi_square < 1.15

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect, Parameter
-from keycld_envs.effects.base import TransmissionEffect
+from keycld_envs.effects.transmission import TransmissionEffect
 
 
 @dataclass(frozen=True)

@@ -5,23 +5,15 @@ from collections.abc import Sequence
 from dataclasses import fields
 from math import floor, isfinite, log10
 
-from keycld_envs.effects import Effect
+from keycld_envs.effects import EFFECTS, Effect
 from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors, Unexplained, Verdict
-
-_NAMES = {
-    "coulomb_friction": "Coulomb friction",
-    "stribeck_friction": "Stribeck friction",
-    "unknown": "Residual force",
-}
-_COUNTABLE = {
-    "actuator_dead_zone", "actuator_delay", "actuator_gain", "actuator_lag", "constant_force", "end_stop",
-    "external_pulse", "gravity_tilt", "spring", "unknown",
-}  # fmt: skip
+from keycld_model.rigid_body.residual_force import ResidualForce
 
 
 def effect_name(effect: str) -> str:
-    """The name of an effect by its id: "Coulomb friction"."""
-    return _NAMES.get(effect, effect.replace("_", " ").capitalize())
+    """Name of an effect's id by itself: "Coulomb friction"."""
+    name = in_sentence(effect).removeprefix("a ").removeprefix("an ")
+    return name[0].upper() + name[1:]
 
 
 def call(effect: Effect) -> str:
@@ -68,12 +60,9 @@ def error(value: float) -> str:
 
 
 def in_sentence(effect: str) -> str:
-    """The name of an effect inside a sentence: "Coulomb friction", "a spring"."""
-    name = effect_name(effect)
-    name = name if name.startswith(("Coulomb", "Stribeck")) else name[0].lower() + name[1:]
-    if effect not in _COUNTABLE:
-        return name
-    return f"an {name}" if name[0] in "aeiou" else f"a {name}"
+    """Name of an effect's id inside a sentence: "Coulomb friction", "a spring"."""
+    phrases = (kind.phrase for kind in (*EFFECTS.values(), ResidualForce) if kind.id == effect)
+    return next(phrases, "") or effect.replace("_", " ").lower()
 
 
 def place(finding: Finding) -> str:

@@ -1,12 +1,10 @@
 """Sets of effects that the data do not exclude in place of the best."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
 
-from keycld_envs.effects import ActuatorDelay, Effect, SensorLatency
-from keycld_model.diagnosis.search.confusable import DRY, LATE
+from keycld_envs.effects import Effect
 from keycld_model.diagnosis.search.criterion import Scored, dispersion, penalty, score_of
 from keycld_model.diagnosis.search.effort import EFFORT
 from keycld_model.diagnosis.search.search import Search
@@ -26,44 +24,55 @@ def rivals_of(search: Search, best: Scored, effect: Effect) -> list[Scored]:
     ]
 
 
-def late_rivals(search: Search, best: Scored) -> dict[tuple[str, str], Scored]:
-    """A set with one latency of all sensors in place of delays of all motors, or the reverse, for each of these."""
-    late = [e for e in best.fit.effects if e.id in ("actuator_delay", "sensor_latency")]
-    others = _otherwise_late(search, late)
-    if not others:
-        return {}
-    kept = [e for e in best.fit.effects if e not in late]
-    scored = search.refine(best.fit.point.with_effects(*kept, *others))
-    excluded = scored.fit.cost >= best.fit.cost + search.problem.criteria.rival * dispersion(best.fit)
-    return {} if excluded else {effect.key: scored for effect in late}
+def everywhere_rivals(search: Search, best: Scored) -> dict[tuple[str, str], Scored]:
+    """For effects of the best set, a set that explains as much with one effect for all places of another, or the reverse.
+
+    So may one latency of all sensors come for delays of all motors.
+    """
+    out = {}
+    for now, instead in _everywhere(search, best):
+        kept = [e for e in best.fit.effects if e not in now]
+        scored = search.refine(best.fit.point.with_effects(*kept, *instead))
+        if scored.fit.cost < best.fit.cost + search.problem.criteria.rival * dispersion(best.fit):
+            out |= {effect.key: scored for effect in now}
+    return out
+
+
+def _everywhere(search: Search, best: Scored) -> Iterator[tuple[list[Effect], list[Effect]]]:
+    """Effects of the best set, and others that do nearly the same: one for all places of another, or the reverse.
+
+    At a single place they are confusable anyway. An effect that would be outside its bounds is no rival.
+    """
+    model, kinds = search.problem.simulator.model, list(dict.fromkeys(type(h.effect) for h in search.hypotheses))
+    for one, many in ((one, many) for one in kinds for many in kinds if one.same_everywhere == many.id):
+        now = [e for e in best.fit.effects if isinstance(e, one | many)]
+        places, size = many.candidates(model), float(np.mean([e.size for e in now])) if now else 0.0
+        if len(places) < 2 or size <= 0:
+            continue
+        if [type(e) for e in now] == [one]:
+            yield now, [e.of_size(size) for e in places]
+        elif [type(e) for e in now] == [many] * len(places):
+            yield now, [e.of_size(size) for e in one.candidates(model)]
 
 
 def confusable_sets(search: Search, best: Scored) -> list[Scored]:
-    """Sets nearly as good as the best that differ by confusable effects: shorter steps may tell them apart."""
+    """Sets nearly as good as the best, with a confusable effect in one's place: shorter steps may tell them apart."""
     near = []
     for s in search.found.values():
-        one, other = ({e.id for e in x.fit.effects if e.key in x.keys - y.keys} for x, y in ((best, s), (s, best)))
-        alike = any(one | other <= set(kind) for kind in (DRY, LATE))
         exchanged = len(s.keys) == len(best.keys) and len(s.keys - best.keys) == 1
-        if exchanged and alike and s.score < best.score + 50.0:
+        groups = {e.confusable and e.confusable.group for e in _exchanged(best, s)}
+        if exchanged and len(groups) == 1 and None not in groups and s.score < best.score + 50.0:
             near.append(s)
     return sorted(near, key=score_of)[: EFFORT.finer_sets]
 
 
-def _otherwise_late(search: Search, late: Sequence[Effect]) -> list[Effect]:
-    """A latency for delays of all motors, or these for that; one motor's delay is a rival anyway."""
-    model, allowed = search.problem.simulator.model, {type(h.effect) for h in search.hypotheses}
-    if model.nu < 2 or not {ActuatorDelay, SensorLatency} <= allowed:
-        return []
-    shifts = [e.d for e in late if isinstance(e, ActuatorDelay | SensorLatency)]
-    if [type(e) for e in late] == [SensorLatency]:
-        return [replace(e, d=shifts[0]) for e in ActuatorDelay.candidates(model)]
-    if [type(e) for e in late] == [ActuatorDelay] * model.nu:
-        return [replace(e, d=float(np.mean(shifts))) for e in SensorLatency.candidates(model)]
-    return []
+def _exchanged(best: Scored, other: Scored) -> list[Effect]:
+    """Effects that only one of two sets has."""
+    return [e for s, t in ((best, other), (other, best)) for e in s.fit.effects if e.key not in t.keys]
 
 
 def _alias_price(best: Scored, other: Scored) -> float:
-    """What more numbers cost a set that has the other as a limit: a spring, its zero far away, is a constant force."""
-    exchanged = {e.id for s, t in ((best, other), (other, best)) for e in s.fit.effects if e.key not in t.keys}
-    return max(0.0, penalty(other.fit) - penalty(best.fit)) if exchanged == {"spring", "constant_force"} else 0.0
+    """What more parameters cost a set that has the other as a limit: a spring, its zero far away, is constant."""
+    exchanged = _exchanged(best, other)
+    limits = any({e.id for e in exchanged} == {e.id, e.limiting_case} for e in exchanged)
+    return max(0.0, penalty(other.fit) - penalty(best.fit)) if limits else 0.0

@@ -22,8 +22,6 @@ from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
 Refined = Callable[[Scored], None]
-EXCLUDED = ("external_pulse",)
-"""Effects that have a search of their own."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ def explain(refitted: Fit, refined: Refined = lambda scored: None, effects: Sequ
     """
     likely, criteria = with_best_pulses(refitted) if concentrated(refitted) else refitted, refitted.problem.criteria
     struck = bool(likely.point.variant.pulses) and likely.excess < criteria.idealised_share * refitted.excess
-    search = Search(refitted.problem, EXCLUDED, restarts=not effects and not struck, refined=refined)
+    search = Search(refitted.problem, restarts=not effects and not struck, refined=refined)
     best, residual = search.run(refitted.point, effects), None
     coarse = not refitted.problem.simulator.own_integrator and not effects
     if coarse and best.fit.effects and (finer := _finer(refitted, search, best)):
@@ -133,7 +131,7 @@ def _with_pulses(refitted: Fit, likely: Fit, search: Search, best: Scored) -> tu
         if not start.point.variant.pulses:
             continue
         gained = refitted.cost - start.cost
-        other = Search(refitted.problem, EXCLUDED, criteria.most_effects - 1, gained, refined=search.refined)
+        other = Search(refitted.problem, criteria.most_effects - 1, gained, refined=search.refined)
         found = _without_spurious_pulses(other.run(start.point, start.effects))
         pulses = found.fit.point.variant.pulses
         spurious = pulses and above_noise(found.fit).max() > 0 and found.fit.excess > most

@@ -62,13 +62,13 @@ def hypotheses(model: mujoco.MjModel, shown: Seen, exclude: Iterable[str] = ()) 
     """All effects at all places of a model, with numbers that recordings suggest."""
     out = []
     for kind in EFFECTS.values():
-        if kind.id in exclude:
+        if kind.id in exclude or not kind.searched:
             continue
         coefficients = tuple(p for p in kind.parameters() if not p.grid)
         for effect in kind.candidates(model):
             grids = effect.grids(model, shown)
             for values in itertools.product(*grids.values()):
-                out.append(Hypothesis(replace(effect, **dict(zip(grids, values, strict=True))), coefficients))
+                out.append(Hypothesis(effect.with_parameters(**dict(zip(grids, values, strict=True))), coefficients))
     return out
 
 

@@ -1,7 +1,7 @@
 """Which sets of effects promise most, to first order: every one, every pair, and the best pairs with every third."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,8 +126,5 @@ class _Screening:
 
 def _present(hypothesis: Hypothesis, sizes: Array) -> Effect:
     """The effect with these coefficients."""
-    values = {
-        p.name: float(np.clip(p.absent + size, p.low, p.high))
-        for p, size in zip(hypothesis.coefficients, sizes, strict=False)
-    }
-    return replace(hypothesis.effect, **values)
+    values = {p.name: float(p.absent + size) for p, size in zip(hypothesis.coefficients, sizes, strict=False)}
+    return hypothesis.effect.with_parameters(**values)

@@ -1,18 +1,16 @@
 """Which effects explain what the refitted simulator cannot: sets of up to three, scored together, then refined."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 
 from keycld_envs.effects import Effect
-from keycld_envs.effects.base import TransmissionEffect
+from keycld_envs.effects.transmission import TransmissionEffect
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.point import Point
 from keycld_model.diagnosis.estimation.problem import Problem
-from keycld_model.diagnosis.search.confusable import confusable
 from keycld_model.diagnosis.search.criterion import Scored, dispersion, score_of
 from keycld_model.diagnosis.search.effort import EFFORT
 from keycld_model.diagnosis.search.hypotheses import hypotheses, recorded_range
@@ -38,7 +36,6 @@ class Search:
     def __init__(
         self,
         problem: Problem,
-        exclude: Iterable[str] = (),
         most_effects: int | None = None,
         gained: float = 0.0,
         restarts: bool = True,
@@ -48,7 +45,6 @@ class Search:
 
         Args:
             problem: what is to be explained.
-            exclude: ids of effects that are not looked for.
             most_effects: in a set; by default those of the criteria.
             gained: nats that were gained by what it starts with; they count for what is material.
             restarts: look for transmissions from many starts.
@@ -56,7 +52,7 @@ class Search:
         """
         self.problem, self.gained, self.restarts, self.refined = problem, gained, restarts, refined
         self.most_effects = problem.criteria.most_effects if most_effects is None else most_effects
-        self.hypotheses = hypotheses(problem.simulator.model, recorded_range(problem.windows), exclude)
+        self.hypotheses = hypotheses(problem.simulator.model, recorded_range(problem.windows))
         self.found: dict[Keys, Scored] = {}
         self.dispersion = 1.0
         self._nothing = np.inf
@@ -119,8 +115,7 @@ class Search:
         self._replaced.add((best.keys, effect.key))
         rest = [e for e in best.fit.effects if e is not effect]
         self._finalists(self.refine(best.fit.point.with_effects(*rest)), largest=1)
-        slides = self.problem.simulator.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
-        for other in confusable(effect, (h.effect for h in self.hypotheses), bool(slides.any())):
+        for other in effect.confusable_with((h.effect for h in self.hypotheses), self.problem.simulator.model):
             if other.key not in best.keys:
                 self.refine(best.fit.point.with_effects(*rest, other))
         self._restart(best, rest, effect)

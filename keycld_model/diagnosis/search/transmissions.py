@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from keycld_envs.effects import Effect
-from keycld_envs.effects.base import TransmissionEffect
+from keycld_envs.effects.transmission import TransmissionEffect
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.point import Point

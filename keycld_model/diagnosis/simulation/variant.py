@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
-from keycld_envs.effects.base import TransmissionEffect
+from keycld_envs.effects.transmission import TransmissionEffect
 
 Array = NDArray[np.float64]
 
@@ -85,13 +85,13 @@ class Variant:
         if self.recording_offsets is None:
             return np.zeros((recordings, effect.memory))
         before = itertools.takewhile(lambda e: e is not effect, self.effects)
-        first = sum(len(e.unsettled) for e in before)
+        first = sum(len(e.memory_spread) for e in before)
         return self.recording_offsets[:, first : first + effect.memory]
 
 
 def recording_spreads(effects: Sequence[Effect]) -> Array:
     """Standard deviations expected of hidden states at the start of a recording, `[M]`."""
-    return np.array([spread for effect in effects for spread in effect.unsettled])
+    return np.array([spread for effect in effects for spread in effect.memory_spread])
 
 
 def rotors(effects: Sequence[Effect]) -> list[TransmissionEffect]:
@@ -101,4 +101,4 @@ def rotors(effects: Sequence[Effect]) -> list[TransmissionEffect]:
 
 def window_spreads(effects: Sequence[Effect]) -> Array:
     """Standard deviations expected of offsets of rotors at the starts of windows, `[J]`."""
-    return np.array([spread for effect in rotors(effects) for spread in effect.unsettled])
+    return np.array([spread for effect in rotors(effects) for spread in effect.memory_spread])

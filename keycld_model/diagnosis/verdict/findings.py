@@ -6,13 +6,13 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from keycld_envs.effects import Effect, ExternalPulse, GravityTilt
+from keycld_envs.effects import Effect, ExternalPulse
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.parameters import effect_parameters
 from keycld_model.diagnosis.estimation.pulses import joined
 from keycld_model.diagnosis.estimation.replay import mean_square
-from keycld_model.diagnosis.search.criterion import Scored, above_noise
-from keycld_model.diagnosis.search.search import Search
+from keycld_model.diagnosis.search.search.criterion import Scored, above_noise
+from keycld_model.diagnosis.search.search.search import Search
 from keycld_model.diagnosis.verdict.region import shape_of
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, Unexplained
 from keycld_model.diagnosis.verdict.rivals import Rivals
@@ -41,9 +41,7 @@ def findings_of(best: Scored, rivals: Rivals, search: Search) -> list[Finding]:
     total, model = sum(weights.values()), best.fit.problem.simulator.model
     out = []
     for effect in best.fit.effects:
-        others = rivals.others(effect)
-        if effect.id == GravityTilt.id and model.njnt == 1 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_HINGE:
-            others.add(("encoder_zero", "joint", model.joint(0).name))  # the same, but for what is expected of encoders
+        others = rivals.others(effect) | set(effect.indistinguishable(model))
         out.append(
             Finding(
                 effect=effect.id,

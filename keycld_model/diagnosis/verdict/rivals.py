@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from keycld_envs.effects import Effect
 from keycld_model.diagnosis.estimation.fit import Fit
-from keycld_model.diagnosis.search.alternatives import late_rivals, rivals_of
+from keycld_model.diagnosis.search.alternatives import everywhere_rivals, rivals_of
 from keycld_model.diagnosis.search.criterion import Scored
 from keycld_model.diagnosis.search.explain import Explanation
 from keycld_model.diagnosis.verdict.next_experiment import next_experiment
@@ -37,7 +37,7 @@ class Rivals:
         for effect in best.fit.effects:
             name = f"rivals of {effect.id} at {effect.where}"
             out.sets[effect.key] += out._tried(name, lambda e=effect: rivals_of(search, best, e)) or []
-        for key, scored in (out._tried("delays and latency", lambda: late_rivals(search, best)) or {}).items():
+        for key, scored in (out._tried("rivals everywhere", lambda: everywhere_rivals(search, best)) or {}).items():
             out.sets[key].append(scored)
         return out
 
