@@ -25,7 +25,7 @@ def rivals_of(search: Search, best: Scored, effect: Effect) -> list[Scored]:
 
 
 def everywhere_rivals(search: Search, best: Scored) -> dict[tuple[str, str], Scored]:
-    """For effects of the best set, a set that explains as much with one effect for all places of another, or the reverse.
+    """For effects of the best set, a set that explains as much with one effect everywhere, or all.
 
     So may one latency of all sensors come for delays of all motors.
     """

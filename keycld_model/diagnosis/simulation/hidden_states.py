@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.effects.base import ActuatorEffect, JointEffect, TransmissionEffect
+from keycld_envs.effects.places import ActuatorEffect, JointEffect
+from keycld_envs.effects.transmission import TransmissionEffect
 from keycld_model.diagnosis.inputs.windows import Windows
 from keycld_model.diagnosis.simulation.variant import Variant
 from keycld_model.rigid_body.effects import AppliedEffects, memories
