@@ -13,12 +13,8 @@ import numpy as np
 
 from keycld_control.benchmarks.blind.case import TRAINING, Case, Signals, recording
 from keycld_control.benchmarks.blind.mechanism import Array
-from keycld_model.diagnosis.diagnose import WINDOWS
-from keycld_model.diagnosis.estimation.fit import Problem
-from keycld_model.diagnosis.inputs.prepare import SAMPLES, thin
-from keycld_model.diagnosis.inputs.source import Source
-from keycld_model.diagnosis.inputs.windows import Windows, cut
-from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_control.benchmarks.refitting import Problem, Simulator, at_most, refit, windowed
+from keycld_model.diagnosis import Source
 
 Grade = Literal["hidden", "marginal", "clear"]
 MARGINAL, CLEAR = 3.0, 10.0
@@ -45,23 +41,20 @@ def gain(case: Case, signals: Sequence[Signals]) -> float:
     simulator = _simulator(case.plan.system, 1 / case.rate / np.ceil(1 / case.rate / (STEP + 1e-4)))
     runs = enumerate(signals[:TRAINING])
     clean = [recording(case, run, replace(s, noise=np.broadcast_to(case.zero, s.true.shape))) for run, s in runs]
-    windows = cut([thin(r) for r in clean], simulator.step, SAMPLES)
-    few = _left(case, simulator, windows, GLANCE, iterations=8)
-    return few if few > OBVIOUS else _left(case, simulator, windows, WINDOWS, iterations=15)
+    problem = windowed(simulator, clean, case.noise)
+    few = _misfit(case, at_most(problem, GLANCE), iterations=8)
+    return few if few > OBVIOUS else _misfit(case, at_most(problem), iterations=15)
 
 
-def _left(case: Case, simulator: Simulator, windows: Windows, number: int, iterations: int) -> float:
-    """Nats that a refit to at most a number of windows leaves."""
-    if len(windows) > number:
-        windows = windows.take(np.linspace(0, len(windows) - 1, number).round().astype(int))
-    problem = Problem(simulator, windows, case.noise)
-    fit = problem.minimise(problem.start(), iterations)
-    prior = np.sum((fit.point.variant.values / problem.spreads) ** 2 - (_true(case, simulator) / problem.spreads) ** 2)
+def _misfit(case: Case, problem: Problem, iterations: int) -> float:
+    """Nats that a refit leaves unexplained."""
+    fit, true = refit(problem, (), iterations), _true_nuisances(case, problem.simulator)
+    prior = np.sum((fit.point.variant.values / problem.spreads) ** 2 - (true / problem.spreads) ** 2)
     return float(0.5 * (np.sum(problem.residual(fit.point) ** 2) + prior))
 
 
-def _true(case: Case, simulator: Simulator) -> Array:
-    """The nuisances as they are."""
+def _true_nuisances(case: Case, simulator: Simulator) -> Array:
+    """The values of the simulator's nuisances in this case, logarithms of factors and zeros in rad or m."""
     model, errors = simulator.model, {"mass": case.errors.mass, "length": case.errors.length}
     return np.array(
         [

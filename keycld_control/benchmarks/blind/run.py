@@ -13,7 +13,7 @@ from keycld_envs.files import atomic_file
 from keycld_envs.progress import progress
 from keycld_envs.recordings import read_dataset
 from keycld_envs.workers import each
-from keycld_model.diagnosis.inputs.source import Source
+from keycld_model.diagnosis import Source
 
 
 def run(out: Path, method: str = "diagnose", workers: int = 1, ray: str | None = None) -> dict[str, Any]:

@@ -9,15 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_control.benchmarks import refitting
+from keycld_control.benchmarks.refitting import HORIZON, SAMPLES, Fit, Problem, Simulator, Variant
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.diagnose import HORIZON, WINDOWS
-from keycld_model.diagnosis.estimation.fit import Fit, Point, Problem
-from keycld_model.diagnosis.inputs.checks import check, check_apart
-from keycld_model.diagnosis.inputs.noise import noise
-from keycld_model.diagnosis.inputs.prepare import SAMPLES, accurate_step, spacing, thin
-from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
 
 EXPLAINED = 1.3
 """Mean square of whitened residuals up to which a baseline takes what is left for noise."""
@@ -40,45 +35,41 @@ class Setup:
     @classmethod
     def of(cls, training: Sequence[Recording], held_out: Sequence[Recording], model: mujoco.MjModel) -> "Setup":
         """Checked and thinned."""
-        check([*training, *held_out], model)
-        check_apart(training, held_out)
-        return cls([thin(r) for r in training], [thin(r) for r in held_out], model)
+        refitting.check([*training, *held_out], model)
+        refitting.check_apart(training, held_out)
+        return cls([refitting.thin(r) for r in training], [refitting.thin(r) for r in held_out], model)
 
     @cached_property
     def spacing(self) -> float:
         """Seconds between samples."""
-        return spacing(self.training)
+        return refitting.spacing(self.training)
 
     @cached_property
     def simulator(self) -> Simulator:
         """With steps of which samples are a whole number apart."""
-        return Simulator(self.model, accurate_step(self.training), threads=1)
+        return Simulator(self.model, refitting.accurate_step(self.training), threads=1)
 
     @cached_property
     def sigma(self) -> NDArray[np.float64]:
         """Noise of the sensors, `[nv]`."""
-        return noise(self.training)
+        return refitting.noise(self.training)
 
     @cached_property
     def refitted(self) -> Fit:
         """Nuisances alone, on the windows of the diagnosis."""
-        windows = cut(self.training, self.simulator.step, SAMPLES)
-        if len(windows) > WINDOWS:
-            windows = windows.take(np.linspace(0, len(windows) - 1, WINDOWS).round().astype(int))
-        problem = Problem(self.simulator, windows, self.sigma)
-        return problem.minimise(problem.start(), iterations=15)
+        problem = refitting.windowed(self.simulator, self.training, self.sigma)
+        return refitting.refit(refitting.at_most(problem))
 
     @cached_property
     def long(self) -> Problem:
         """Rollouts of held-out recordings, as long as those of the diagnosis."""
         shortest = min(len(np.asarray(r.t_state)) for r in self.held_out)
         samples = SAMPLES * max(1, min(HORIZON, shortest // SAMPLES))
-        return Problem(self.simulator, cut(self.held_out, self.simulator.step, samples), self.sigma)
+        return refitting.windowed(self.simulator, self.held_out, self.sigma, samples)
 
     def error(self, variant: Variant) -> float:
         """Root mean square of held-out rollouts with fitted initial states, mrad or mm."""
-        start = Point(variant, *self.long.windows.initial_states())
-        fit = self.long.minimise(start, 12, only_states=True)
+        fit = refitting.refit_states(self.long, variant, 12)
         residual = self.long.residual(fit.point).reshape(self.long.windows.measured.shape)
         return float(1e3 * np.sqrt(np.mean((residual * self.sigma) ** 2)))
 

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 
 from keycld_control.benchmarks.blind.baselines.common import Setup, finding
+from keycld_control.benchmarks.refitting import Fit
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.estimation.fit import Fit, knobs
 from keycld_model.diagnosis.search.hypotheses import hypotheses, seen
 from keycld_model.diagnosis.search.screening import promising
 
@@ -31,7 +31,7 @@ def greedy(training: Sequence[Recording], held_out: Sequence[Recording], model: 
 
 def _price(fit: Fit) -> float:
     """Schwarz (1978), in nats."""
-    return fit.cost + 0.5 * np.log(fit.problem.samples) * len(knobs(fit.effects))
+    return fit.cost + 0.5 * np.log(fit.problem.samples) * sum(len(effect.parameters()) for effect in fit.effects)
 
 
 def _next(fit: Fit, model: mujoco.MjModel) -> Effect | None:

@@ -11,10 +11,10 @@ from scipy.ndimage import convolve1d
 from scipy.signal import savgol_filter
 
 from keycld_control.benchmarks.blind.baselines.common import Setup
+from keycld_control.benchmarks.refitting import average_commands
 from keycld_envs.effects import Effect
 from keycld_envs.effects.base import Kind
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.inputs.windows import average_commands
 
 Array = NDArray[np.float64]
 SMOOTH = 0.15
