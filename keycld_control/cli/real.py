@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
@@ -9,12 +10,16 @@ from keycld_control.cli._compiled import keep_compiled
 from keycld_control.cli._output import print_result
 from keycld_control.plain_json import write_json
 
+if TYPE_CHECKING:
+    from keycld_control.benchmarks.real import GateResult
+
 
 @dataclass(frozen=True)
 class Args:
     """Run the gates on real recordings: gate, what is required, what is reached.
 
-    The exit code is 0 if all gates that ran are reached, otherwise 1.
+    A gate that cannot run is no reason to leave out the others; its error comes last. The exit code is 0 if all gates
+    are reached, otherwise 1, or that of the error.
 
     Attributes:
         data: Folder with the data sets; docs/real-data.md says where to get them.
@@ -33,6 +38,7 @@ def run(args: Args) -> int:
     """Run gates, write results, print a table."""
     keep_compiled()
     from keycld_control.benchmarks.real import GATES
+    from keycld_control.benchmarks.real import run as run_gate
     from keycld_envs.errors import InputError
     from keycld_envs.progress import progress
 
@@ -41,30 +47,36 @@ def run(args: Args) -> int:
         raise InputError(f"--only names {unknown[0]!r}; there are {', '.join(GATES)}.")
     if not args.data.is_dir():
         raise InputError(f"{args.data} is no folder; docs/real-data.md says where to get the data sets.")
-    results = []
+    results: list[GateResult] = []
     try:
         with progress("Gates", len(names)) as advance:
             for name in names:
                 advance(0, name)
-                result = GATES[name](args.data)
-                results.append(result)
+                results.append(run_gate(GATES[name], args.data))
                 if args.out is not None:
-                    from keycld_control.benchmarks.real.plots import write_page
-
-                    args.out.mkdir(parents=True, exist_ok=True)
-                    write_json(args.out / f"{name}.json", result.to_dict())
-                    if result.curves:
-                        write_page(result, args.out / f"{name}.html")
+                    _write(results[-1], args.out)
                 advance(1)
-    finally:  # a gate that cannot run does not take the others with it
+    finally:  # after Ctrl-C too
         if args.json and len(results) == len(names):
             print_result({"gates": [result.to_dict() for result in results]}, as_json=True)
         elif results and not args.json:
             _print_table(results)
+    for result in results:
+        if result.error is not None:
+            raise result.error
     return 0 if all(result.passed for result in results) else 1
 
 
-def _print_table(results: list) -> None:
+def _write(result: "GateResult", out: Path) -> None:
+    from keycld_control.benchmarks.real.plots import write_page
+
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / f"{result.gate}.json", result.to_dict())
+    if result.curves:
+        write_page(result, out / f"{result.gate}.html")
+
+
+def _print_table(results: "list[GateResult]") -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table

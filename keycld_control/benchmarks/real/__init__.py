@@ -1,9 +1,10 @@
 """Gates on real recordings: what the diagnosis must show on mechanisms of other people (docs/real-data.md)."""
 
-from keycld_control.benchmarks.real import r1, r2, r3, r4, r6
 from keycld_control.benchmarks.real.gate import Curve, Gate, GateResult
+from keycld_control.benchmarks.real.gates import find_gates
+from keycld_control.benchmarks.real.runner import run
 
-GATES: dict[str, Gate] = {"R1": r1.run, "R2": r2.run, "R3": r3.run, "R4": r4.run, "R6": r6.run}
-"""By name; R5 is about pixels."""
+GATES: dict[str, Gate] = find_gates()
+"""By name."""
 
-__all__ = ["GATES", "Curve", "Gate", "GateResult"]
+__all__ = ["GATES", "Curve", "Gate", "GateResult", "run"]

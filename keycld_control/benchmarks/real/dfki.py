@@ -1,17 +1,14 @@
-"""The double pendulum of the DFKI Underactuated Lab: its recordings, and its simulator."""
-
-from pathlib import Path
+"""The double pendulum of the DFKI Underactuated Lab: its files, and its simulator."""
 
 import mujoco
-import numpy as np
 
-from keycld_control.benchmarks.real.gate import Array, locate
-from keycld_control.benchmarks.real.rigs import Link, double_pendulum
-from keycld_envs.recordings import Recording
-from keycld_envs.recordings.importers import Columns, Table, assemble, read_csv
+from keycld_control.benchmarks.real.gate import RecordingFile
+from keycld_control.benchmarks.real.rigs import RigidLink, double_pendulum
+from keycld_envs.recordings.importers import Columns
 
-FOLDER = "dfki_double_pendulum/leaderboard"
 JOINTS = ("shoulder", "elbow")
+ILQR_TVLQR_LQR = "acrobot/real_hardware_v2/src_data/ilqr_tvlqr_lqr/experiment01"
+"""A run of the acrobot that nobody pushed."""
 
 
 def simulator() -> mujoco.MjModel:
@@ -21,23 +18,18 @@ def simulator() -> mujoco.MjModel:
     of both joints (0.4 % of the inertia) is left out.
     """
     rotor = 6**2 * 6.287203962819607e-05
-    upper = Link(0.5234602302310271, 0.2, 0.031887199591513114, rotor)
-    lower = Link(0.6255677234174437, 0.25569305436052964, 0.05086984812807257, rotor)
+    upper = RigidLink(0.5234602302310271, 0.2, 0.031887199591513114, rotor)
+    lower = RigidLink(0.6255677234174437, 0.25569305436052964, 0.05086984812807257, rotor)
     return double_pendulum(upper, lower, 0.2)
 
 
-def table(folder: Path, run: str) -> Table:
-    """Everything that was logged in a run."""
-    return read_csv(locate(folder, f"{FOLDER}/{run}/trajectory.csv"))
-
-
-def recording(logged: Table, id: str, torque: str) -> Recording:
-    """Measured positions and velocities.
+def run_file(run: str, id: str, torque: str) -> RecordingFile:
+    """Measured positions and velocities of a run.
 
     Args:
-        logged: see `table`.
-        id: name.
-        torque: "tau_con" for what was commanded, "tau_meas" for what the motors report.
+        run: folder of the run.
+        id: of the recording.
+        torque: "tau_con" for the torque that was commanded, "tau_meas" for what the motors report.
     """
     columns = Columns(
         "time",
@@ -45,12 +37,6 @@ def recording(logged: Table, id: str, torque: str) -> Recording:
         {joint: f"vel_meas{j}" for j, joint in enumerate(JOINTS, 1)},
         {joint: f"{torque}{j}" for j, joint in enumerate(JOINTS, 1)},
     )
-    origin = f"dfki-ric-underactuated-lab/double_pendulum: {logged.path.parent.name}"
-    return assemble(logged, columns, id, licence="BSD-3-Clause", origin=origin)
-
-
-def pushes(logged: Table) -> Array:
-    """The torques added as a disturbance, `[N, 2]`, N m; zero in undisturbed runs."""
-    if "tau_pert1" not in logged.columns:
-        return np.zeros((len(logged.column("time")), 2))
-    return np.stack([logged.column("tau_pert1"), logged.column("tau_pert2")], axis=1)
+    path = f"dfki_double_pendulum/leaderboard/{run}/trajectory.csv"
+    origin = f"dfki-ric-underactuated-lab/double_pendulum: {run.split('/')[-1]}"
+    return RecordingFile(path, columns, id, "BSD-3-Clause", origin)

@@ -1,6 +1,5 @@
-"""What a gate is: a diagnosis of somebody's real mechanism, and what it must show."""
+"""A gate: what the diagnosis is given of somebody's real mechanism, and what it must show."""
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,12 +9,152 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_control.benchmarks.refitting import Finding
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.diagnose import diagnose
-from keycld_model.diagnosis.verdict.report import Finding, Report
+from keycld_envs.recordings.importers import Columns, Table, assemble, read_csv
+from keycld_model.diagnosis import Report
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RecordingFile:
+    """A file of a data set, or the part of one, that is one recording.
+
+    Attributes:
+        path: of the file, from the folder that holds all data sets.
+        columns: which column is what.
+        id: of the recording.
+        licence: of the data.
+        origin: where the data come from.
+        reader: of the file's format.
+    """
+
+    path: str
+    columns: Columns
+    id: str
+    licence: str
+    origin: str
+    reader: Callable[[Path], Table] = read_csv
+
+    def table(self, folder: Path) -> Table:
+        """Everything in the file.
+
+        Raises:
+            InputError: if the file is not there.
+        """
+        if not (folder / self.path).is_file():
+            raise InputError(f"{folder / self.path} does not exist; docs/real-data.md says where to get it.")
+        return self.reader(folder / self.path)
+
+    def recording(self, folder: Path) -> Recording:
+        """The recording.
+
+        Raises:
+            InputError: if the file or a column is not there.
+        """
+        return assemble(self.table(folder), self.columns, self.id, licence=self.licence, origin=self.origin)
+
+
+@dataclass(frozen=True)
+class DataSplit:
+    """The files of one diagnosis.
+
+    Attributes:
+        training: to learn from.
+        held_out: to test on; without any, the diagnosis holds out a third of the training data.
+    """
+
+    training: Sequence[RecordingFile]
+    held_out: Sequence[RecordingFile] = ()
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """One diagnosis of a gate, and what it was given.
+
+    Attributes:
+        model: the simulator.
+        tables: all that the training files hold, also what was hidden from the diagnosis.
+        training: recordings to learn from.
+        held_out: recordings to test on.
+        report: of the diagnosis.
+        seconds: that it took.
+    """
+
+    model: mujoco.MjModel
+    tables: Sequence[Table]
+    training: Sequence[Recording]
+    held_out: Sequence[Recording]
+    report: Report
+    seconds: float
+
+    @property
+    def errors(self) -> list[float]:
+        """Held-out errors of the nominal, the refitted and the corrected simulator, mrad or mm."""
+        fit = self.report.fit
+        return [fit.nominal, fit.refitted, fit.corrected]
+
+    def find(self, effect: str, where: str | None = None) -> Finding | None:
+        """The finding of an effect, anywhere or at one place; None if there is none."""
+        found = (f for f in self.report.findings if f.effect == effect and where in (None, f.where["name"]))
+        return next(found, None)
+
+    def estimate(self, effect: str, parameter: str, where: str) -> float | None:
+        """The value found of an effect's parameter; None if the effect was not found there."""
+        found = self.find(effect, where)
+        return None if found is None else found.parameters[parameter].value
+
+    def describe(self) -> str:
+        """The findings with their parameters in one line, or the verdict if there are none."""
+        findings = [
+            f"{f.effect} at {f.where['name']} ("
+            + ", ".join(f"{n} = {e.value:.3g} [{e.low:.3g}, {e.high:.3g}] {e.unit}" for n, e in f.parameters.items())
+            + ")"
+            for f in self.report.findings
+        ]
+        return "; ".join(findings) or self.report.verdict
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a gate's check says of its diagnoses.
+
+    Attributes:
+        reached: in words.
+        passed: whether it suffices.
+        numbers: everything measured, JSON-compatible.
+    """
+
+    reached: str
+    passed: bool
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Gate:
+    """A real mechanism, its simulator, and what a diagnosis of the two must show.
+
+    Attributes:
+        name: "R3".
+        title: the mechanism.
+        required: what must be shown, in words.
+        simulator: makes the model that lacks what must be found.
+        data: files of each diagnosis, by its name.
+        check: compares diagnoses by name with what is required.
+        tracked: positions were read off images of a camera.
+        plotted: length of the rollouts that are plotted of held-out recordings, s; None for no plots.
+    """
+
+    name: str
+    title: str
+    required: str
+    simulator: Callable[[], mujoco.MjModel]
+    data: Mapping[str, DataSplit]
+    check: Callable[[Mapping[str, Diagnosed]], Outcome]
+    tracked: bool = False
+    plotted: float | None = None
 
 
 @dataclass(frozen=True)
@@ -23,11 +162,11 @@ class Curve:
     """One joint of one recording that was held out.
 
     Attributes:
-        title: which.
+        title: recording and joint.
         unit: of the positions.
         time: `[N]` s.
-        measured: `[N]`.
-        predicted: `[N]` by simulator: with its own numbers refitted, and with the findings added.
+        measured: `[N]` positions.
+        predicted: `[N]` positions by simulator: "refitted" with its own parameters, "corrected" with the findings.
     """
 
     title: str
@@ -45,12 +184,13 @@ class GateResult:
         gate: its name, "R3".
         title: the mechanism.
         required: what must be shown.
-        reached: what was.
+        reached: what was shown, or why the gate could not run.
         passed: whether it suffices.
         numbers: everything measured, JSON-compatible.
-        seconds: that it took.
-        reports: of the diagnoses, by name.
+        seconds: that the gate took.
+        reports: of the diagnoses that were completed, by name.
         curves: for plots.
+        error: what ended the gate; None if it ran.
     """
 
     gate: str
@@ -62,6 +202,7 @@ class GateResult:
     seconds: float
     reports: Mapping[str, Report] = field(default_factory=dict)
     curves: Sequence[Curve] = ()
+    error: Exception | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-compatible, without the curves."""
@@ -69,48 +210,3 @@ class GateResult:
         return {name: getattr(self, name) for name in names} | {
             "reports": {name: report.to_dict() for name, report in self.reports.items()}
         }
-
-
-Gate = Callable[[Path], GateResult]
-
-
-def locate(folder: Path, path: str) -> Path:
-    """A file of a data set.
-
-    Raises:
-        InputError: if it is not there.
-    """
-    if not (folder / path).is_file():
-        raise InputError(f"{folder / path} does not exist; docs/real-data.md says where to get it.")
-    return folder / path
-
-
-def timed_diagnosis(
-    recordings: Sequence[Recording],
-    model: mujoco.MjModel,
-    held_out: Sequence[Recording] = (),
-    tracked: bool = False,
-) -> tuple[Report, float]:
-    """The report, and the seconds that it took."""
-    start = time.perf_counter()
-    report = diagnose(recordings, model, held_out, tracked)
-    return report, round(time.perf_counter() - start, 1)
-
-
-def find(report: Report, effect: str, where: str | None = None) -> Finding | None:
-    """A finding, if there is one."""
-    found = (f for f in report.findings if f.effect == effect and where in (None, f.where["name"]))
-    return next(found, None)
-
-
-def describe(report: Report) -> str:
-    """The findings in one line."""
-    return (
-        "; ".join(
-            f"{f.effect} at {f.where['name']} ("
-            + ", ".join(f"{n} = {e.value:.3g} [{e.low:.3g}, {e.high:.3g}] {e.unit}" for n, e in f.parameters.items())
-            + ")"
-            for f in report.findings
-        )
-        or report.verdict
-    )

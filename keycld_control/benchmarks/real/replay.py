@@ -7,29 +7,27 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_control.benchmarks import refitting
 from keycld_control.benchmarks.real.gate import Curve
+from keycld_control.benchmarks.refitting import Simulator, Variant
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.estimation.fit import Point, Problem
-from keycld_model.diagnosis.inputs.prepare import thin
-from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
-from keycld_model.diagnosis.verdict.report import Report
+from keycld_model.diagnosis import Report
 
 Array = NDArray[np.float64]
-SCALE = 3e-3
+SIGMA = 3e-3
 """Standard deviation that residuals of long rollouts are weighted with, rad or m: of models, not of sensors."""
 
 
 @dataclass(frozen=True)
-class Rollouts:
+class HeldOutRollouts:
     """W rollouts of n samples, each from initial states fitted to all of them.
 
     Attributes:
         recording: `[W]` index of the recording.
-        time: `[W, n]` s.
-        measured: `[W, n, nv]`.
-        predicted: `[W, n, nv]`.
+        time: `[W, n]` s; NaN after the end of a rollout that is shorter than others.
+        measured: `[W, n, nv]` positions, rad or m.
+        predicted: `[W, n, nv]` positions.
     """
 
     recording: NDArray[np.int64]
@@ -38,13 +36,13 @@ class Rollouts:
     predicted: Array
 
     def error(self, recording: int | None = None) -> float:
-        """Root mean square error, of all or one recording, mrad or mm."""
+        """Root mean square error of all rollouts, or of those on one recording, mrad or mm."""
         rows = self.recording == recording if recording is not None else np.ones(len(self.recording), bool)
         return 1e3 * float(np.sqrt(np.nanmean((self.measured - self.predicted)[rows] ** 2)))
 
 
 def variant(report: Report, simulator: Simulator, *, findings: bool) -> Variant:
-    """The simulator with the nuisances of the correction, with or without its effects."""
+    """The simulator with the nuisances of the report, and with or without its effects."""
     values = [
         float(np.log(value)) if nuisance.factor else value
         for nuisance in simulator.nuisances
@@ -53,42 +51,37 @@ def variant(report: Report, simulator: Simulator, *, findings: bool) -> Variant:
     return Variant(np.array(values), report.evidence.effects if findings and report.evidence is not None else ())
 
 
-def roll(simulator: Simulator, which: Variant, recordings: Sequence[Recording], seconds: float) -> Rollouts:
-    """Long rollouts.
+def roll(simulator: Simulator, simulated: Variant, recordings: Sequence[Recording], seconds: float) -> HeldOutRollouts:
+    """Rollouts that follow recordings.
 
     Args:
-        simulator: steps of it.
-        which: its numbers and effects.
+        simulator: of the mechanism.
+        simulated: its nuisances and effects.
         recordings: to be followed.
         seconds: of each rollout, at most; a recording that is shorter is one rollout.
     """
     parts = []
-    for index, recording in enumerate(map(thin, recordings)):
-        t = np.asarray(recording.t_state)
-        samples = min(len(t), int(seconds / float(np.median(np.diff(t)))) + 1)
-        problem = Problem(simulator, cut([recording], simulator.step, samples), np.full(simulator.model.nv, SCALE))
-        start = Point(which, *problem.windows.initial_states())
-        windows, point = problem.windows, problem.minimise(start, 15, only_states=True).point
-        predicted = simulator.simulate([which], np.zeros(1, int), windows, point.q[None], point.v[None])[0]
-        for w in range(len(windows)):
-            parts.append((index, windows.time[w], windows.measured[w], predicted[w]))
+    for index, recording in enumerate(map(refitting.thin, recordings)):
+        samples = min(len(np.asarray(recording.t_state)), _samples(recording, seconds))
+        problem = refitting.windowed(simulator, [recording], _sigma(simulator), samples)
+        predicted = refitting.predicted(refitting.refit_states(problem, simulated, 15))
+        for w in range(len(problem.windows)):
+            parts.append((index, problem.windows.time[w], problem.windows.measured[w], predicted[w]))
     longest = max(len(time) for _, time, _, _ in parts)
-    columns = [[_pad(part[k], longest) for part in parts] for k in (1, 2, 3)]
-    return Rollouts(np.array([part[0] for part in parts]), *(np.stack(c) for c in columns))
+    columns = [[_padded(part[k], longest) for part in parts] for k in (1, 2, 3)]
+    return HeldOutRollouts(np.array([part[0] for part in parts]), *(np.stack(c) for c in columns))
 
 
-def refit(
-    simulator: Simulator, effects: tuple[Effect, ...], recordings: Sequence[Recording], seconds: float
-) -> Variant:
-    """Nuisances and effects fitted to long rollouts: the opponent of a diagnosis."""
-    thinned = [thin(r) for r in recordings]
+def refit(simulator: Simulator, effects: Sequence[Effect], recordings: Sequence[Recording], seconds: float) -> Variant:
+    """Nuisances and given effects fitted to long rollouts, for comparison with what a diagnosis found."""
+    thinned = [refitting.thin(r) for r in recordings]
     samples = min(min(len(np.asarray(r.t_state)) for r in thinned), _samples(thinned[0], seconds))
-    problem = Problem(simulator, cut(thinned, simulator.step, samples), np.full(simulator.model.nv, SCALE))
-    return problem.minimise(problem.start().with_effects(*effects), 25).point.variant
+    problem = refitting.windowed(simulator, thinned, _sigma(simulator), samples)
+    return refitting.refit(problem, effects, 25).point.variant
 
 
 def simulator_of(report: Report, model: mujoco.MjModel) -> Simulator:
-    """The simulator that a diagnosis chose."""
+    """The simulator, with the integration step that a diagnosis chose."""
     own = report.details["step_s"] == model.opt.timestep
     return Simulator(model, None if own else report.details["step_s"], tracked=report.details["tracked"])
 
@@ -114,6 +107,10 @@ def _samples(recording: Recording, seconds: float) -> int:
     return int(seconds / float(np.median(np.diff(np.asarray(recording.t_state))))) + 1
 
 
-def _pad(array: Array, length: int) -> Array:
+def _sigma(simulator: Simulator) -> Array:
+    return np.full(simulator.model.nv, SIGMA)
+
+
+def _padded(array: Array, length: int) -> Array:
     """With NaN at the end."""
     return np.concatenate([array, np.full((length - len(array), *array.shape[1:]), np.nan)])

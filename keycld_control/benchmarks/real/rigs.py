@@ -10,7 +10,7 @@ _HEAD = """<mujoco><option timestep="{step}" gravity="0 0 {gravity}" integrator=
 
 
 @dataclass(frozen=True)
-class Link:
+class RigidLink:
     """A rigid link about its joint.
 
     Attributes:
@@ -36,7 +36,7 @@ class Link:
         )
 
 
-def pendulum(link: Link, *, motor: bool, turned: float = 0.0, gravity: float = 9.81) -> mujoco.MjModel:
+def pendulum(link: RigidLink, *, motor: bool, turned: float = 0.0, gravity: float = 9.81) -> mujoco.MjModel:
     """One hinge, "hinge".
 
     Args:
@@ -53,7 +53,7 @@ def pendulum(link: Link, *, motor: bool, turned: float = 0.0, gravity: float = 9
     )
 
 
-def double_pendulum(upper: Link, lower: Link, length: float, gravity: float = 9.81) -> mujoco.MjModel:
+def double_pendulum(upper: RigidLink, lower: RigidLink, length: float, gravity: float = 9.81) -> mujoco.MjModel:
     """Hinges "shoulder" and "elbow", the second relative to the first, each with a motor of its name, N m.
 
     Args:

@@ -1,5 +1,6 @@
 """Real recordings: their import, the protocol of the gates, and how they are scored."""
 
+import json
 import os
 import re
 from pathlib import Path
@@ -9,12 +10,15 @@ import numpy as np
 import pytest
 from plotly.offline import get_plotlyjs
 
-from keycld_control.benchmarks.real import GATES, Curve, GateResult, dfki, r1, r2, r3, r4, r6
+from keycld_control.benchmarks.real import GATES, Curve, GateResult, dfki
+from keycld_control.benchmarks.real.gate import DataSplit, Gate, Outcome
+from keycld_control.benchmarks.real.gates import r1, r3
 from keycld_control.benchmarks.real.plots import write_page
 from keycld_control.benchmarks.real.replay import refit, roll
+from keycld_control.benchmarks.refitting import Simulator
 from keycld_control.cli import main
 from keycld_envs.effects import CoulombFriction, QuadraticDrag, ViscousFriction
-from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Report, Unexplained
 
 DATA = Path(os.environ.get("KEYCLD_REAL", Path(__file__).parents[2].parent / "shared" / "real"))
@@ -45,12 +49,12 @@ def test_pushes_are_scored_by_overlap_joint_and_samples() -> None:
     ((a, b),) = r1.true_windows(t, torque[:, 0])
     assert (a, b) == (pytest.approx(0.85, abs=0.01), pytest.approx(1.15, abs=0.01))
     right = r1.score(report(("shoulder", a, b, 0.5)), t, torque)
-    assert right["overlaps"] == [1.0] and right["false"] == 0
-    assert right["auc"] == pytest.approx(0.8, abs=0.15)
+    assert right.overlaps == [1.0] and right.false == 0
+    assert right.auc == pytest.approx(0.8, abs=0.15)
     wrong = r1.score(report(("elbow", a, b, 0.5)), t, torque)
-    assert (wrong["overlaps"], wrong["false"]) == ([0.0], 1)
-    assert isinstance(wrong["auc"], float) and wrong["auc"] < 0.5
-    assert r1.score(report(), t, np.zeros_like(torque)) == {"overlaps": [], "false": 0, "auc": None}
+    assert (wrong.overlaps, wrong.false) == ([0.0], 1)
+    assert wrong.auc is not None and wrong.auc < 0.5
+    assert r1.score(report(), t, np.zeros_like(torque)) == r1.PulseScore([], 0, None)
 
 
 @pytest.mark.parametrize("score, expected", [([1, 2, 3, 4], 1.0), ([4, 3, 2, 1], 0.0), ([1, 1, 1, 1], 0.5)])
@@ -91,16 +95,41 @@ def test_the_page_of_a_gate_shows_what_was_required(tmp_path: Path) -> None:
     assert "lt;1" in page and "<1>" not in page and not re.search('src="http|<link', page)
 
 
-def test_gates_that_ran_are_told_if_a_later_one_cannot(
+def gate(name: str, error: Exception | None = None) -> Gate:
+    """A gate without a diagnosis, whose check may fail."""
+
+    def check(diagnoses: object) -> Outcome:
+        if error is not None:
+            raise error
+        return Outcome("swings a little", True)
+
+    return Gate(name, "a rig", "to swing", dfki.simulator, {}, check)
+
+
+def test_a_gate_that_cannot_run_leaves_the_others_and_what_they_reached(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def ran(folder: Path) -> GateResult:
-        return GateResult("R2", "a rig", "to swing", "swings a little", False, {}, 1.0)
-
-    monkeypatch.setitem(GATES, "R2", ran)  # the real one takes minutes
-    assert main(["real", str(tmp_path), "--only", "R2,R4"]) == 2
+    monkeypatch.setitem(GATES, "R2", gate("R2"))  # the real ones take minutes
+    monkeypatch.setitem(GATES, "R6", gate("R6"))
+    out = tmp_path / "out"
+    assert main(["real", str(tmp_path), "--only", "R2,R4,R6", "--out", str(out), "--json"]) == 2
     said = capsys.readouterr()
-    assert "swings a little" in said.out and "lab1_data.txt does not exist" in said.err
+    told = {one["gate"]: one for one in json.loads(said.out)["gates"]}
+    assert {name: one["passed"] for name, one in told.items()} == {"R2": True, "R4": False, "R6": True}
+    assert "lab1_data.txt" in said.err and "lab1_data.txt" in told["R4"]["reached"]
+    assert {p.stem: json.loads(p.read_text()) for p in out.glob("*.json")} == told
+
+
+def test_an_error_of_a_gate_is_not_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(GATES, "R2", gate("R2", ZeroDivisionError("no windows")))
+    with pytest.raises(ZeroDivisionError):
+        main(["real", str(tmp_path), "--only", "R2", "--out", str(tmp_path)])
+    assert not json.loads((tmp_path / "R2.json").read_text())["passed"]
+
+
+def test_every_gate_is_found_under_its_name() -> None:
+    assert list(GATES) == ["R1", "R2", "R3", "R4", "R6"]  # R5 is about pixels
+    assert all(name == one.name and one.data for name, one in GATES.items())
 
 
 def test_a_wrong_folder_or_gate_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -113,19 +142,25 @@ def test_a_wrong_folder_or_gate_is_refused(tmp_path: Path, capsys: pytest.Captur
         assert message in capsys.readouterr().err
 
 
+def recordings(name: str) -> tuple[list[Recording], list[Recording]]:
+    """Training and held-out recordings of a gate with one diagnosis."""
+    data: DataSplit = GATES[name].data["diagnosis"]
+    return [file.recording(DATA) for file in data.training], [file.recording(DATA) for file in data.held_out]
+
+
 @pytest.mark.parametrize("case", [pytest.param("", marks=real)])
 def test_recordings_are_what_the_documentation_says(case: str) -> None:
-    training, held_out = r3.recordings(DATA)
+    training, held_out = recordings("R3")
     assert [len(np.asarray(r.t_state)) for r in (*training, *held_out)] == [9167] * 5 + [9166]
-    string = np.asarray(r4.recording(DATA).t_state)
-    assert (len(string), string[-1]) == (2330, pytest.approx(116.41, abs=0.01))
-    motor = r6.recording(DATA, r6.TRAINING)
+    ((string,), _), ((motor,), _) = recordings("R4"), recordings("R6")
+    times = np.asarray(string.t_state)
+    assert (len(times), times[-1]) == (2330, pytest.approx(116.41, abs=0.01))
     assert np.ptp(np.asarray(motor.action)) > 30
-    logged = dfki.table(DATA, r1.PUSHED["acrobot"])
-    pushes = dfki.pushes(logged)
+    logged = GATES["R1"].data["acrobot"].training[0].table(DATA)
+    pushes = r1.pushes(logged)
     found = [r1.true_windows(logged.column("time"), pushes[:, j]) for j in range(2)]
     assert [len(f) for f in found] == [2, 2]
-    logged = dfki.table(DATA, r2.TRAINING[0])
+    logged = GATES["R2"].data["diagnosis"].training[0].table(DATA)
     v = logged.column("vel_filt2")
     formula = 0.001 * v + 0.12 * np.arctan(100 * v)
     assert np.abs(formula - logged.column("tau_fric2")).max() < 1e-9
@@ -134,7 +169,7 @@ def test_recordings_are_what_the_documentation_says(case: str) -> None:
 @pytest.mark.parametrize("case", [pytest.param("", marks=real)])
 def test_two_dissipation_terms_together_explain_what_either_makes_worse(case: str) -> None:
     """The figures of gate R3: viscous friction alone leaves 6.5 and 16.3 mrad."""
-    training, held_out = r3.recordings(DATA)
+    training, held_out = recordings("R3")
     simulator = Simulator(r3.simulator(), 0.009)
     hinge, errors = "hinge", {}
     for name, effects in {
