@@ -7,6 +7,7 @@ search.
 from collections.abc import Sequence
 
 import numpy as np
+from keycld_model.diagnosis.inputs.noise import noise
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
@@ -14,7 +15,6 @@ from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.diagnose import HORIZON, WINDOWS
 from keycld_model.diagnosis.estimation.fit import Fit, Point, Problem
 from keycld_model.diagnosis.inputs.checks import check, check_apart
-from keycld_model.diagnosis.inputs.noise import noise
 from keycld_model.diagnosis.inputs.prepare import SAMPLES, accurate_step, spacing, split, thin
 from keycld_model.diagnosis.inputs.windows import average_commands, cut
 from keycld_model.diagnosis.simulation.simulator import Simulator, Variant

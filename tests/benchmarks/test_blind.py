@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 from keycld_control.benchmarks.blind import make as making
-from keycld_control.benchmarks.blind.case import FASTEST, HELD_OUT, TRAINING, draw_case
+from keycld_control.benchmarks.blind.case import HELD_OUT, MAX_SPEED, TRAINING, draw_case
 from keycld_control.benchmarks.blind.excite import LIMIT
 from keycld_control.benchmarks.blind.make import Settings, make
-from keycld_control.benchmarks.blind.match import Trial
+from keycld_control.benchmarks.blind.match import CaseResult
 from keycld_control.benchmarks.blind.plan import MIX, Plan, mix, plan
-from keycld_control.benchmarks.blind.plant import Path as Motion
-from keycld_control.benchmarks.blind.plant import Plant
+from keycld_control.benchmarks.blind.plant import CasePlant, PlantTrajectory
 from keycld_control.benchmarks.blind.run import run
 from keycld_control.benchmarks.blind.score import score
 from keycld_control.benchmarks.blind.sites import SITES, sites
@@ -106,22 +105,22 @@ def test_the_taxonomy_is_covered():
         for site in SITES:
             mechanism = draw(site, np.random.default_rng(0), True)
             assert mechanism.id == effect
-            assert json.loads(json.dumps(mechanism.numbers()))
+            assert json.loads(json.dumps(mechanism.parameters()))
 
 
 def test_no_run_is_faster_than_promised(monkeypatch):
     speeds = []
-    simulate = Plant.simulate
+    simulate = CasePlant.simulate
 
-    def watch(self, *args) -> Motion | None:
+    def watch(self, *args) -> PlantTrajectory | None:
         path = simulate(self, *args)
         if path is not None:
             speeds.append(np.abs(path.v).max())
         return path
 
-    monkeypatch.setattr(Plant, "simulate", watch)
+    monkeypatch.setattr(CasePlant, "simulate", watch)
     case, signals = draw_case(Plan("null", "acrobot", "open_loop"), (3, 3))
-    assert max(speeds) <= FASTEST
+    assert max(speeds) <= MAX_SPEED
     assert all(s.level <= level for s, level in zip(signals, case.levels, strict=True))
 
 
@@ -299,10 +298,10 @@ def test_other_answers_than_the_sealed_ones_are_refused(hand_made, capsys):
 
 def test_recovery_leaves_out_what_cannot_be_recovered():
     result = {"report": said(refitted=1.02, corrected=1.0), "failure": None}
-    assert Trial(answer("1", "one", [VISCOUS]), result).recovery is None
+    assert CaseResult(answer("1", "one", [VISCOUS]), result).recovery is None
     result = {"report": said(refitted=9.0, corrected=5.0), "failure": None}
-    assert Trial(answer("1", "one", [VISCOUS]), result).recovery == pytest.approx(0.5)
-    assert Trial(answer("1", "two", [VISCOUS, PULSE]), result).recovery is None
+    assert CaseResult(answer("1", "one", [VISCOUS]), result).recovery == pytest.approx(0.5)
+    assert CaseResult(answer("1", "two", [VISCOUS, PULSE]), result).recovery is None
 
 
 def test_the_generator_imports_nothing_that_is_measured():

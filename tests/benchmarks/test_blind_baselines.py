@@ -9,7 +9,7 @@ from keycld_control.benchmarks.blind.case import TRAINING, draw_case, recording
 from keycld_control.benchmarks.blind.mechanisms.friction import Viscous
 from keycld_control.benchmarks.blind.methods import get_method
 from keycld_control.benchmarks.blind.plan import Plan
-from keycld_control.benchmarks.blind.plant import Plant
+from keycld_control.benchmarks.blind.plant import CasePlant
 from keycld_envs.systems import get_system
 
 B = 0.05
@@ -20,7 +20,7 @@ def case():
     """A pendulum with viscous friction, good sensors, and steady clocks."""
     drawn, _ = draw_case(Plan("null", "pendulum", "open_loop"), (1, 2))
     quiet = replace(drawn, noise=np.array([2e-4]), rate=100.0, jitter=False, mechanisms=(Viscous(0, -1, B),))
-    assert isinstance(quiet.plant, Plant)
+    assert isinstance(quiet.plant, CasePlant)
     signals = quiet.simulate(range(TRAINING + 2))
     assert signals is not None
     recordings = [recording(quiet, run, s) for run, s in enumerate(signals)]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from keycld_control.benchmarks.blind.mechanism import Run
-from keycld_control.benchmarks.blind.mechanisms import actuation, forces, friction, structure, watching
+from keycld_control.benchmarks.blind.mechanisms import actuation, forces, friction, measurement, structure
 from keycld_control.benchmarks.blind.outside_strengths import OUTSIDE, possible
-from keycld_control.benchmarks.blind.plant import STEP, Path, Plant
+from keycld_control.benchmarks.blind.plant import STEP, CasePlant, PlantTrajectory
 from keycld_control.benchmarks.blind.sites import SITES
 from keycld_control.benchmarks.blind.strengths import LIBRARY
 from keycld_envs.systems import get_system
@@ -20,21 +20,21 @@ MASS, LENGTH, INERTIA, GEAR = 1.0, 0.5, 0.251, 2.0
 """Of the pendulum: kg, m, kg m^2 about the hinge, N m per command."""
 
 
-def run(mechanisms, q: Any = 2.0, v: Any = 0.0, u=0.0, seconds=1.0, gravity=True, system="pendulum") -> Path:
+def run(mechanisms, q: Any = 2.0, v: Any = 0.0, u=0.0, seconds=1.0, gravity=True, system="pendulum") -> PlantTrajectory:
     """The motion for commands that are zero until 50 ms, then u."""
     model = get_system(system).compile()
     if not gravity:
         model.opt.gravity[:] = 0
     q, v = np.broadcast_to(q, model.nv).astype(float), np.broadcast_to(v, model.nv).astype(float)
     ticks = np.arange(0, round(seconds / STEP), 50)
-    path = Plant(model, mechanisms).simulate(
+    path = CasePlant(model, mechanisms).simulate(
         q, v, ticks, lambda tick, y: np.full(model.nu, u * (tick > 0)), np.random.default_rng(0), seconds
     )
     assert path is not None and np.isfinite(path.q).all()
     return path
 
 
-def energy(path: Path) -> np.ndarray:
+def energy(path: PlantTrajectory) -> np.ndarray:
     """Of the pendulum, J."""
     return 0.5 * INERTIA * path.v[:, 0] ** 2 + MASS * GRAVITY * LENGTH * np.cos(path.q[:, 0])
 
@@ -77,7 +77,7 @@ def test_load_dependent_friction_feels_weight_and_centrifugal_force():
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = np.pi, 3.0
     mujoco.mj_forward(model, data)
-    limits = friction.LoadDependent(0, -1, 0.01).dry(Run(model, data, np.random.default_rng(0), 1.0))
+    limits = friction.LoadDependent(0, -1, 0.01).dry_friction(Run(model, data, np.random.default_rng(0), 1.0))
     assert limits(None)[0] == pytest.approx(0.01 * MASS * (GRAVITY + LENGTH * 3.0**2))  # pyright: ignore[reportArgumentType]
 
 
@@ -101,7 +101,7 @@ def test_a_flexible_joint_swings_as_two_inertias_on_a_spring():
 def test_backlash_lets_the_motor_turn_until_it_touches():
     """A rotor with no torque before starts in the middle: it flies through half the play, then pushes."""
     half, rotor = 0.2, 0.05
-    path = run([structure.Backlash(0, 0, rotor, half, 500.0, 1.0)], q=0.0, u=1.0, gravity=False)
+    path = run([structure.GearPlay(0, 0, rotor, half, 500.0, 1.0)], q=0.0, u=1.0, gravity=False)
     touch = np.sqrt(2 * half * rotor / GEAR) + 0.05
     moved = path.start + STEP * int(np.argmax(np.abs(path.q[:, 0]) > 1e-6))
     assert moved == pytest.approx(touch, abs=0.004)
@@ -121,7 +121,7 @@ def test_added_inertia_slows_small_swings(mechanism, mass, moment):
 def test_a_moving_base_moves_the_rail_under_the_cart():
     """Cart and pole stay where they are in the world; relative to the rail they swing back."""
     size, w = 0.02, 5.0
-    path = run([forces.BaseMotion(-1, -1, size, w, 0.0, False)], q=[0.0, np.pi], v=[0.0, 0.0], system="cartpole")
+    path = run([forces.BaseVibration(-1, -1, size, w, 0.0, False)], q=[0.0, np.pi], v=[0.0, 0.0], system="cartpole")
     t = STEP * np.arange(len(path.q)) + path.start
     start = size * (np.sin(w * t) - np.sin(w * t[0]) - w * np.cos(w * t[0]) * (t - t[0]))
     np.testing.assert_allclose(path.q[:, 0], -start, atol=2e-6)
@@ -145,8 +145,10 @@ def test_motors_lag_and_wait():
 
 def test_sensors_show_the_past_and_clocks_stretch():
     t = np.array([0.0, 1.0, 2.0])
-    plant = Plant(get_system("pendulum").compile(), [watching.Latency(-1, -1, 0.01), watching.Drift(-1, -1, 0.02)])
-    np.testing.assert_allclose(plant.seen(t), 1.02 * (t - 0.01))
+    plant = CasePlant(
+        get_system("pendulum").compile(), [measurement.Latency(-1, -1, 0.01), measurement.Drift(-1, -1, 0.02)]
+    )
+    np.testing.assert_allclose(plant.measured_times(t), 1.02 * (t - 0.01))
 
 
 def _somewhere():
@@ -161,15 +163,15 @@ def _somewhere():
 @pytest.mark.parametrize("draw, site", list(_somewhere()))
 def test_every_mechanism_changes_what_is_seen(draw, site):
     mechanism = draw(site, np.random.default_rng(3), True)
-    if isinstance(mechanism, forces.EndStop):
+    if isinstance(mechanism, forces.CompliantStop):
         mechanism = replace(mechanism, at=site.rest + 0.1 * mechanism.side)
-    if isinstance(mechanism, forces.Pulse):
+    if isinstance(mechanism, forces.Pushes):
         mechanism = replace(mechanism, width=0.08)
     rest = np.array([s.rest for s in SITES if s.system == site.system])
     shown = []
     for mechanisms in ([], [mechanism]):
         model = get_system(site.system).compile()
-        plant = Plant(model, mechanisms)
+        plant = CasePlant(model, mechanisms)
         path = plant.simulate(
             rest + 0.4,
             np.full(model.nv, 0.5),
@@ -179,6 +181,6 @@ def test_every_mechanism_changes_what_is_seen(draw, site):
             0.9,
         )
         assert path is not None
-        shown.append(path.at(plant.seen(np.linspace(0, 0.9, 100))))
+        shown.append(path.at(plant.measured_times(np.linspace(0, 0.9, 100))))
     assert np.isfinite(shown[1]).all()
     assert np.abs(shown[1] - shown[0]).max() > 1e-6

@@ -8,26 +8,27 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_control.benchmarks.blind.excite import HABITS, drive, ticks_and_times
-from keycld_control.benchmarks.blind.mechanism import Array, Mechanism
+from keycld_control.benchmarks.blind.excite import drive, ticks_and_times
+from keycld_control.benchmarks.blind.mechanism import Array, CaseMechanism
 from keycld_control.benchmarks.blind.outside_strengths import OUTSIDE
+from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors, draw_errors
 from keycld_control.benchmarks.blind.plan import Plan
-from keycld_control.benchmarks.blind.plant import Plant
+from keycld_control.benchmarks.blind.plant import CasePlant
+from keycld_control.benchmarks.blind.sites import environment_of
 from keycld_control.benchmarks.blind.strengths import LIBRARY
-from keycld_control.benchmarks.blind.truth import Errors, draw_errors
 from keycld_envs.recordings import Recording
 from keycld_envs.systems import get_system
 
 TRAINING, HELD_OUT = 8, 4
-"""Recordings."""
+"""Numbers of recordings."""
 SECONDS = 4.0
-"""Of each."""
-FASTEST = 15.0
-"""Rad/s or m/s; faster runs are drawn again with less excitation."""
-MOVED = 0.3
-"""Rad or m that at least one joint must move in the training recordings."""
-SLOWER = 10
-"""Times that a run is drawn again."""
+"""Length of each recording."""
+MAX_SPEED = 15.0
+"""Greatest speed, rad/s or m/s; faster runs are drawn again with less excitation."""
+MIN_MOTION = 0.3
+"""How far at least one joint must move in the training recordings, rad or m."""
+ATTEMPTS = 10
+"""How often a run that is too fast is drawn."""
 STREAMS = ("drive", "mechanisms", "noise")
 
 
@@ -36,13 +37,13 @@ class Signals:
     """One run before noise.
 
     Attributes:
-        t_action: `[Ta]` s.
-        action: `[Ta, nu]`.
-        t_state: `[Ts]` s.
+        t_action: `[Ta]` times at which commands change, s.
+        action: `[Ta, nu]` commands.
+        t_state: `[Ts]` times of samples, s.
         true: `[Ts, nv]` positions that a perfect sensor would show, rad or m.
-        noise: `[Ts, nv]` encoders' zeros and noise.
+        noise: `[Ts, nv]` zeros of the encoders and noise, rad or m.
         level: of the excitation.
-        attempt: how often it was drawn before.
+        attempt: how often the run was drawn before.
     """
 
     t_action: Array
@@ -55,17 +56,17 @@ class Signals:
 
 
 @dataclass(frozen=True)
-class Case:
+class SealedCase:
     """What is drawn once for all recordings of a case.
 
     Attributes:
-        plan: what it is.
-        entropy: of everything drawn per recording.
-        errors: masses and lengths.
-        zero: `[nv]` of the encoders, rad or m.
+        plan: system, excitation, and what is missing where.
+        entropy: seeds of everything drawn per recording.
+        errors: of the simulator's masses and lengths.
+        zero: `[nv]` zeros of the encoders, rad or m.
         noise: `[nv]` standard deviation of the sensors, rad or m.
         rate: samples and commands per second.
-        jitter: clocks are irregular.
+        jitter: whether clocks are irregular.
         smooth: training commands are sums of sines rather than steps; held-out ones the reverse.
         levels: of the excitation of each recording, training first.
         mechanisms: what the simulator lacks.
@@ -73,60 +74,59 @@ class Case:
 
     plan: Plan
     entropy: tuple[int, ...]
-    errors: Errors
+    errors: ParameterErrors
     zero: Array
     noise: Array
     rate: float
     jitter: bool
     smooth: bool
     levels: Array
-    mechanisms: tuple[Mechanism, ...]
+    mechanisms: tuple[CaseMechanism, ...]
 
     @cached_property
-    def plant(self) -> Plant:
-        """With everything."""
+    def plant(self) -> CasePlant:
+        """The mechanism with all that the simulator lacks."""
         model = get_system(self.plan.system).compile()
         self.errors.apply(model)
-        return Plant(model, self.mechanisms)
+        return CasePlant(model, self.mechanisms)
 
-    def with_only(self, mechanism: Mechanism) -> "Case":
-        """The same draws with one mechanism alone."""
+    def with_only(self, mechanism: CaseMechanism) -> "SealedCase":
+        """The same draws with one missing mechanism alone."""
         return replace(self, mechanisms=(mechanism,))
 
     def stream(self, run: int, attempt: int, name: str) -> np.random.Generator:
-        """Random numbers of one recording for one purpose."""
+        """Random numbers of one recording for one of `STREAMS`."""
         return np.random.default_rng([*self.entropy, run, attempt, STREAMS.index(name)])
 
     def simulate(self, runs: Sequence[int]) -> list[Signals] | None:
-        """Those recordings; None if one stays too fast, or the training ones hardly move."""
+        """The recordings of these indices; None if one stays too fast, or the training ones hardly move."""
         out = []
         for run in runs:
             if (signals := self._run(run)) is None:
                 return None
             out.append(signals)
         moved = [np.ptp(s.true, axis=0).max() for run, s in zip(runs, out, strict=True) if run < TRAINING]
-        return out if not moved or max(moved) > MOVED else None
+        return out if not moved or max(moved) > MIN_MOTION else None
 
     def _run(self, run: int) -> Signals | None:
-        habits, plan = HABITS[self.plan.system], self.plan
-        for attempt in range(SLOWER):
+        plan = self.plan
+        for attempt in range(ATTEMPTS):
             rng = self.stream(run, attempt, "drive")
             level = float(self.levels[run]) * 0.85**attempt
             ticks, times = ticks_and_times(self.rate, SECONDS, self.jitter, rng)
             clock = ticks.astype(np.float64) / 1e3
             smooth = self.smooth == (run < TRAINING)
-            chosen = drive(habits, plan.excitation, level, smooth, clock, self.noise, self.zero, rng)
-            path = self.plant.simulate(
-                chosen.q, chosen.v, ticks, chosen.controller, self.stream(run, attempt, "mechanisms"), SECONDS, FASTEST
-            )
+            chosen = drive(plan.system, plan.excitation, level, smooth, clock, self.noise, self.zero, rng)
+            draws = self.stream(run, attempt, "mechanisms")
+            path = self.plant.simulate(chosen.q, chosen.v, ticks, chosen.controller, draws, SECONDS, MAX_SPEED)
             if path is not None:
-                true = path.at(self.plant.seen(times))
+                true = path.at(self.plant.measured_times(times))
                 noise = self.zero + self.stream(run, attempt, "noise").normal(0, self.noise, true.shape)
                 return Signals(clock, path.commands, times, true, noise, level, attempt)
         return None
 
 
-def draw_case(plan: Plan, entropy: Sequence[int]) -> tuple[Case, list[Signals]]:
+def draw_case(plan: Plan, entropy: Sequence[int]) -> tuple[SealedCase, list[Signals]]:
     """Draw a case and simulate all its recordings; the numbers are drawn again while it is too fast or too still."""
     model = get_system(plan.system).compile()
     for attempt in range(50):
@@ -137,12 +137,12 @@ def draw_case(plan: Plan, entropy: Sequence[int]) -> tuple[Case, list[Signals]]:
     raise RuntimeError(f"No excitation suits {plan}.")
 
 
-def _draw(plan: Plan, entropy: tuple[int, ...], model: mujoco.MjModel, rng: np.random.Generator) -> Case:
+def _draw(plan: Plan, entropy: tuple[int, ...], model: mujoco.MjModel, rng: np.random.Generator) -> SealedCase:
     driven, nv = plan.excitation != "passive", model.nv
     errors = draw_errors(model, rng)
     library = OUTSIDE if plan.category == "outside" else LIBRARY
     level = np.exp(rng.uniform(np.log(2e-4), np.log(3e-3)))
-    return Case(
+    return SealedCase(
         plan,
         entropy,
         errors,
@@ -157,17 +157,17 @@ def _draw(plan: Plan, entropy: tuple[int, ...], model: mujoco.MjModel, rng: np.r
 
 
 def _levels(rng: np.random.Generator) -> NDArray[np.float64]:
-    """Training between .35 and 1, held out around and above them."""
+    """Excitation of training recordings between .35 and 1, of held-out ones around and above these."""
     return np.concatenate([rng.permutation(np.linspace(0.35, 1.0, TRAINING)), rng.permutation([0.5, 0.8, 1.15, 1.3])])
 
 
-def recording(case: Case, run: int, signals: Signals) -> Recording:
-    """What anybody may see."""
+def recording(case: SealedCase, run: int, signals: Signals) -> Recording:
+    """The recording without anything that tells what is missing."""
     declared = get_system(case.plan.system)
     units = tuple("m" if joint.kind == "slide" else "rad" for joint in declared.joints)
     return Recording(
         id=f"{run + 1:02d}",
-        system=f"KeyCLD/{case.plan.system.capitalize()}-v0",
+        system=environment_of(case.plan.system),
         source="simulation",
         joint_names=tuple(joint.name for joint in declared.joints),
         actuator_names=declared.actuators,

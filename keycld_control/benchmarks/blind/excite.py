@@ -1,6 +1,6 @@
 """How the mechanisms are moved: released, driven by commands drawn in advance, or by a noisy controller."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,54 +9,23 @@ from numpy.typing import NDArray
 
 from keycld_control.benchmarks.blind.mechanism import Array
 from keycld_control.benchmarks.blind.plant import Controller
+from keycld_control.benchmarks.blind.sites import Site, sites
 from keycld_envs.systems import get_system
 
 Excitation = Literal["passive", "open_loop", "closed_loop"]
 EXCITATIONS: tuple[Excitation, ...] = ("passive", "open_loop", "closed_loop")
 LIMIT = 3.0
-"""Of commands; the environments' range."""
-
-
-@dataclass(frozen=True)
-class Habits:
-    """What suits a system.
-
-    Attributes:
-        rest: stable position of each joint, rad or m.
-        swing: positions from which to release, about the rest.
-        command: amplitude of commands.
-        stiffness: of the position controller, command per rad or m.
-        damping: of the position controller, command per rad/s or m/s.
-        target: how far from rest set points are.
-    """
-
-    rest: tuple[float, ...]
-    swing: tuple[float, ...]
-    command: tuple[float, ...]
-    stiffness: tuple[float, ...]
-    damping: tuple[float, ...]
-    target: tuple[float, ...]
-
-
-HABITS = {
-    name: Habits(get_system(name).hanging_qpos, *sizes)
-    for name, sizes in {
-        "pendulum": ((2.2,), (0.9,), (2.0,), (0.6,), (1.4,)),
-        "cartpole": ((0.5, 2.0), (0.6, 0.35), (2.0, 0.5), (1.2, 0.12), (0.6, 1.0)),
-        "acrobot": ((1.4, 1.6), (2.6, 1.6), (5.0, 3.0), (2.5, 0.7), (0.6, 1.0)),
-    }.items()
-}
-"""By short name."""
+"""Greatest command, which is that of the environments."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """One recording's start and commands.
+    """How one recording starts, and its commands.
 
     Attributes:
         q: `[nv]` positions to start from, rad or m.
-        v: `[nv]` velocities.
-        controller: of commands at ticks; it remembers, so that a drive is for one run.
+        v: `[nv]` velocities to start from, rad/s or m/s.
+        controller: gives the commands at ticks; it has a memory, so that a drive is for one run.
     """
 
     q: Array
@@ -65,7 +34,7 @@ class Drive:
 
 
 def drive(
-    habits: Habits,
+    system: str,
     excitation: Excitation,
     level: float,
     smooth: bool,
@@ -74,31 +43,33 @@ def drive(
     zero: Array,
     rng: np.random.Generator,
 ) -> Drive:
-    """Draw one.
+    """Draw the start and the commands of a recording.
 
     Args:
-        habits: of the system.
-        excitation: kind.
-        level: of amplitudes, about one.
+        system: short name.
+        excitation: released, driven in open loop, or by a position controller.
+        level: factor of all amplitudes, about one.
         smooth: sums of sines instead of steps.
-        times: `[ticks]` s.
+        times: `[ticks]` when commands may change, s.
         noise: `[nv]` standard deviation of the sensors, rad or m.
-        zero: `[nv]` of the encoders.
-        rng: of everything drawn.
+        zero: `[nv]` zeros of the encoders, rad or m.
+        rng: random numbers.
     """
-    rest, nv = np.array(habits.rest), len(habits.rest)
+    joints, rest = sites(system), np.array(get_system(system).hanging_qpos)
+    nv, command = len(joints), np.array([s.command for s in joints])
     hold = {"passive": 1.0, "open_loop": 0.5, "closed_loop": 0.4}[excitation]
-    q = rest + np.array(habits.swing) * level * (hold * rng.choice([-1, 1], nv) * rng.uniform(0.4, 1.0, nv))
+    release = np.array([s.release for s in joints]) * level
+    q = rest + release * (hold * rng.choice([-1, 1], nv) * rng.uniform(0.4, 1.0, nv))
     v = rng.normal(0, 0.5 * level, nv)
     if excitation == "passive":
         return Drive(q, v, _released(nv))
     if excitation == "open_loop":
-        table = (_sines if smooth else _steps)(times, np.array(habits.command) * level, rng)
+        table = (_sines if smooth else _steps)(times, command * level, rng)
         return Drive(q, v, _from_table(np.clip(table, -LIMIT, LIMIT)))
-    goals = rest + (_sines if smooth else _long_steps)(times, np.array(habits.target) * level, rng)
-    dither = _steps(times, 0.25 * np.array(habits.command), rng)
+    goals = rest + (_sines if smooth else _long_steps)(times, np.array([s.target for s in joints]) * level, rng)
+    dither = _steps(times, 0.25 * command, rng)
     readings = rng.normal(0, noise, (len(times), nv)) + zero
-    return Drive(q, v, _position_controller(habits, times, goals, dither, readings))
+    return Drive(q, v, _position_controller(joints, times, goals, dither, readings))
 
 
 def _released(size: int) -> Controller:
@@ -110,9 +81,11 @@ def _from_table(table: Array) -> Controller:
     return lambda tick, q: table[tick]
 
 
-def _position_controller(habits: Habits, times: Array, goals: Array, dither: Array, readings: Array) -> Controller:
-    """Proportional and derivative, with the speed from filtered differences of noisy readings."""
-    stiffness, damping = np.array(habits.stiffness), np.array(habits.damping)
+def _position_controller(
+    joints: Sequence[Site], times: Array, goals: Array, dither: Array, readings: Array
+) -> Controller:
+    """Proportional-derivative control, with the speed from filtered differences of noisy readings."""
+    stiffness, damping = (np.array([getattr(s, key) for s in joints]) for key in ("stiffness", "damping"))
     last, speed = np.empty(0), np.zeros(goals.shape[1])
 
     def command(tick: int, q: Array) -> Array:
@@ -153,7 +126,7 @@ def _sines(times: Array, size: Array, rng: np.random.Generator) -> Array:
 def ticks_and_times(
     rate: float, seconds: float, jitter: bool, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], Array]:
-    """Steps (ms) at which commands change, and times (s) of samples; with jitter neither is regular."""
+    """The milliseconds at which commands change, and the times of samples, s; with jitter neither is regular."""
     number, period = round(rate * seconds), 1 / rate
     times: Array = np.arange(number, dtype=np.float64) * period
     ticks = np.round(times * 1e3).astype(np.int64)

@@ -11,49 +11,49 @@ from typing import Literal
 
 import numpy as np
 
-from keycld_control.benchmarks.blind.case import TRAINING, Case, Signals, recording
+from keycld_control.benchmarks.blind.case import TRAINING, SealedCase, Signals, recording
 from keycld_control.benchmarks.blind.mechanism import Array
 from keycld_control.benchmarks.refitting import Problem, Simulator, at_most, refit, windowed
 from keycld_model.diagnosis import Source
 
 Grade = Literal["hidden", "marginal", "clear"]
 MARGINAL, CLEAR = 3.0, 10.0
-"""Nats."""
-GLANCE, OBVIOUS = 20, 100.0
-"""Windows looked at first, and nats that are enough there."""
+"""Least gains of effects that are marginal and clear, nats."""
+FIRST_WINDOWS, ENOUGH = 20, 100.0
+"""Number of windows that are refitted first, and gain that is enough there, nats."""
 STEP = 0.01
-"""Greatest step of the simulator, s, of which samples are a whole number apart."""
+"""Greatest step of the simulator, s; samples are a whole number of steps apart."""
 
 
 def grade(nats: float) -> Grade:
-    """In words."""
+    """The grade of a gain in log-likelihood."""
     return "clear" if nats > CLEAR else "marginal" if nats >= MARGINAL else "hidden"
 
 
-def gain(case: Case, signals: Sequence[Signals]) -> float:
+def gain(case: SealedCase, signals: Sequence[Signals]) -> float:
     """Nats that the true form gains over the refitted simulator on the training recordings.
 
     The refit is to positions without noise. Half the sum of squares that it leaves, over the noise's variance, is what
     the truth is expected to gain; the prior of the refitted nuisances counts too, less that of the true ones, so that
-    an effect hides behind a mass only as far as masses are uncertain. If a few windows leave more than `OBVIOUS`,
+    an effect hides behind a mass only as far as masses are uncertain. If a few windows leave more than `ENOUGH`,
     that is returned, a lower bound: more windows cannot leave less.
     """
     simulator = _simulator(case.plan.system, 1 / case.rate / np.ceil(1 / case.rate / (STEP + 1e-4)))
     runs = enumerate(signals[:TRAINING])
     clean = [recording(case, run, replace(s, noise=np.broadcast_to(case.zero, s.true.shape))) for run, s in runs]
     problem = windowed(simulator, clean, case.noise)
-    few = _misfit(case, at_most(problem, GLANCE), iterations=8)
-    return few if few > OBVIOUS else _misfit(case, at_most(problem), iterations=15)
+    few = _misfit(case, at_most(problem, FIRST_WINDOWS), iterations=8)
+    return few if few > ENOUGH else _misfit(case, at_most(problem), iterations=15)
 
 
-def _misfit(case: Case, problem: Problem, iterations: int) -> float:
+def _misfit(case: SealedCase, problem: Problem, iterations: int) -> float:
     """Nats that a refit leaves unexplained."""
     fit, true = refit(problem, (), iterations), _true_nuisances(case, problem.simulator)
     prior = np.sum((fit.point.variant.values / problem.spreads) ** 2 - (true / problem.spreads) ** 2)
     return float(0.5 * (np.sum(problem.residual(fit.point) ** 2) + prior))
 
 
-def _true_nuisances(case: Case, simulator: Simulator) -> Array:
+def _true_nuisances(case: SealedCase, simulator: Simulator) -> Array:
     """The values of the simulator's nuisances in this case, logarithms of factors and zeros in rad or m."""
     model, errors = simulator.model, {"mass": case.errors.mass, "length": case.errors.length}
     return np.array(
@@ -64,7 +64,7 @@ def _true_nuisances(case: Case, simulator: Simulator) -> Array:
     )
 
 
-def gains(case: Case, signals: Sequence[Signals]) -> tuple[float, list[float]]:
+def gains(case: SealedCase, signals: Sequence[Signals]) -> tuple[float, list[float]]:
     """Nats of all mechanisms together, and of each.
 
     In a set, each is graded by injecting it alone into the same plant with the same starts, commands and noise: what it

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from keycld_control.benchmarks.blind.case import HELD_OUT, SECONDS, TRAINING, Case, Signals, draw_case, recording
+from keycld_control.benchmarks.blind.case import HELD_OUT, SECONDS, TRAINING, SealedCase, Signals, draw_case, recording
 from keycld_control.benchmarks.blind.grade import gains, grade
-from keycld_control.benchmarks.blind.mechanisms.forces import Pulse
+from keycld_control.benchmarks.blind.mechanisms.forces import Pushes
 from keycld_control.benchmarks.blind.plan import Plan, mix, plan
+from keycld_control.benchmarks.blind.sites import environment_of
 from keycld_control.benchmarks.blind.strengths import place
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file, atomic_folder
@@ -33,8 +34,8 @@ class Settings:
     """What determines every byte of the cases and their answers.
 
     Attributes:
-        seed: of everything.
-        cases: how many.
+        seed: of all random numbers.
+        cases: their number.
     """
 
     seed: int
@@ -78,7 +79,7 @@ def make(out: Path, settings: Settings, workers: int = 1, ray: str | None = None
 
 
 def name(index: int) -> str:
-    """Of a case."""
+    """The number of a case as its folder and files are named."""
     return f"{index + 1:04d}"
 
 
@@ -91,7 +92,7 @@ def _sealed(out: Path, index: int) -> Path:
 
 
 def _make(out: Path, settings: Settings, index: int) -> None:
-    """One case: its answer first, then its folder, complete or not at all."""
+    """Write one case: its answer first, then its folder, complete or not at all."""
     case, signals = draw_case(plan(settings.cases, settings.seed)[index], (settings.seed, 1, index))
     with atomic_file(_sealed(out, index), "w") as file:
         json.dump(answer(case, signals, index), file)
@@ -100,19 +101,19 @@ def _make(out: Path, settings: Settings, index: int) -> None:
     with atomic_folder(folder) as partial_folder:
         for run, s in enumerate(signals):
             part = "training" if run < TRAINING else "held_out"
-            seen = recording(case, run, s)
-            write_recording(partial_folder / part / seen.id, seen)
+            visible = recording(case, run, s)
+            write_recording(partial_folder / part / visible.id, visible)
         about = {
             "schema": SCHEMA,
             "id": name(index),
-            "system": f"KeyCLD/{case.plan.system.capitalize()}-v0",
+            "system": environment_of(case.plan.system),
             "observe": "states",
             "excitation": case.plan.excitation,
         }
         (partial_folder / "case.json").write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
 
 
-def answer(case: Case, signals: list[Signals], index: int) -> dict[str, Any]:
+def answer(case: SealedCase, signals: list[Signals], index: int) -> dict[str, Any]:
     """Everything that was drawn, and how visible it is."""
     together, singles = gains(case, signals)
     noise = np.concatenate([(s.noise - case.zero).ravel() for s in signals[TRAINING:]])
@@ -127,7 +128,7 @@ def answer(case: Case, signals: list[Signals], index: int) -> dict[str, Any]:
         "oracle": {
             "metric": "held-out noise",
             "unit": "mrad or mm",
-            "value": 1e3 * float(_left(signals[-1]) * np.std(noise)),
+            "value": 1e3 * float(_remaining(signals[-1]) * np.std(noise)),
         },
         "nuisance": {**asdict(case.errors), "zero": case.zero.tolist()},
         "noise": case.noise.tolist(),
@@ -140,33 +141,33 @@ def answer(case: Case, signals: list[Signals], index: int) -> dict[str, Any]:
     }
 
 
-def _left(signals: Signals) -> float:
+def _remaining(signals: Signals) -> float:
     """Root of the share of degrees of freedom that are left when two numbers per joint and rollout are fitted."""
     return float(np.sqrt(1 - 2 / min(ROLLOUT, len(signals.t_state))))
 
 
-def _truth(case: Case, index: int, signals: list[Signals], nats: float) -> dict[str, Any]:
+def _truth(case: SealedCase, index: int, signals: list[Signals], nats: float) -> dict[str, Any]:
     mechanism, (_, site) = case.mechanisms[index], case.plan.parts[index]
     out: dict[str, Any] = {
         "effect": mechanism.id,
         "where": place(mechanism, site),
         "joint": site.name,
-        "parameters": mechanism.numbers(),
+        "parameters": mechanism.parameters(),
         "comparable": mechanism.comparable(),
         "gain_nats": nats,
         "grade": grade(nats),
     }
-    if isinstance(mechanism, Pulse):
+    if isinstance(mechanism, Pushes):
         out["when_by_recording"] = {f"{run + 1:02d}": pulses(case, run, s) for run, s in enumerate(signals)}
     return out
 
 
-def pulses(case: Case, run: int, signals: Signals) -> list[tuple[float, float, float]]:
+def pulses(case: SealedCase, run: int, signals: Signals) -> list[tuple[float, float, float]]:
     """Start, end (s) and force of the pushes in one recording, drawn again as the plant drew them."""
     rng = case.stream(run, signals.attempt, "mechanisms")
     out: list[tuple[float, float, float]] = []
     for mechanism in case.mechanisms:
-        if isinstance(mechanism, Pulse):
+        if isinstance(mechanism, Pushes):
             out += mechanism.windows(rng, SECONDS)
     return out
 

@@ -23,61 +23,61 @@ def joint_of(system: str, where: Mapping[str, str]) -> str:
 
 
 @dataclass(frozen=True)
-class Trial:
+class CaseResult:
     """A case's answer, and what a method reported.
 
     Attributes:
         answer: of `answers.json`.
-        result: of the method's folder; its report is None where the method failed.
+        output: file of the method's folder; its report is None where the method failed.
     """
 
     answer: Mapping[str, Any]
-    result: Mapping[str, Any]
+    output: Mapping[str, Any]
 
     @property
     def report(self) -> Mapping[str, Any]:
-        """Empty if the method failed."""
-        return self.result["report"] or {}
+        """The report; empty if the method failed."""
+        return self.output["report"] or {}
 
     @cached_property
     def truth(self) -> tuple[Key, ...]:
-        """What is missing."""
+        """Effects that are missing, with their joints."""
         return tuple((t["effect"], joint_of(self.answer["system"], t["where"])) for t in self.answer["truth"])
 
     @cached_property
     def said(self) -> tuple[Key, ...]:
-        """What the report names."""
+        """Effects that the report names, with their joints."""
         findings = self.report.get("findings", ())
         return tuple((f["effect"], joint_of(self.answer["system"], f["where"])) for f in findings)
 
     @property
     def verdict(self) -> str:
-        """Of the report, or "failed"."""
+        """The verdict of the report, or "failed"."""
         return self.report.get("verdict", "failed")
 
     @property
     def clear(self) -> bool:
-        """All that is missing can be seen."""
+        """Whether all that is missing is clear."""
         return bool(self.answer["truth"]) and all(t["grade"] == "clear" for t in self.answer["truth"])
 
     @property
     def named(self) -> bool:
-        """All effects and no other."""
+        """Whether all missing effects are named and no other."""
         return sorted(e for e, _ in self.said) == sorted(e for e, _ in self.truth)
 
     @property
     def placed(self) -> bool:
-        """All places and no other, whatever the effects are called."""
+        """Whether all places are named and no other, whatever the effects are called."""
         return sorted(j for _, j in self.said) == sorted(j for _, j in self.truth)
 
     @property
     def right(self) -> bool:
-        """All effects at their places and nothing else."""
+        """Whether all missing effects are named at their places, and nothing else."""
         return sorted(self.said) == sorted(self.truth)
 
     @property
     def returned(self) -> list[set[Key]]:
-        """For every finding, the finding and its rivals."""
+        """The finding and its rivals, for every finding."""
         out = []
         for finding, (effect, joint) in zip(self.report.get("findings", ()), self.said, strict=True):
             others = zip_longest(finding.get("rivals", ()), finding.get("rivals_where", ()))
@@ -87,12 +87,12 @@ class Trial:
 
     @property
     def among_rivals(self) -> bool:
-        """The one thing that is missing is the one finding, or among its rivals, by name."""
+        """Whether the one effect that is missing is the one finding, or among its rivals, by name."""
         return len(self.returned) == 1 and self.truth[0][0] in {effect for effect, _ in self.returned[0]}
 
     @property
     def says_outside(self) -> bool:
-        """Something is missing that no effect explains."""
+        """Whether the report says that something is missing which no effect explains."""
         unexplained = self.report.get("unexplained", {}).get("significant", False)
         return any(e == "unknown" for e, _ in self.said) or (
             unexplained and self.verdict not in ("no_mismatch", "failed")

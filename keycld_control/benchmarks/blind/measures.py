@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta, binomtest
 
-from keycld_control.benchmarks.blind.match import Trial
+from keycld_control.benchmarks.blind.match import CaseResult
 
 SURE = 0.8
 """Confidence that counts as sure."""
 
 
 @dataclass(frozen=True)
-class Row:
-    """One measure.
+class Measure:
+    """One row of the table.
 
     Attributes:
         measure: in words.
@@ -39,7 +39,7 @@ class Row:
 
     @property
     def met(self) -> bool | None:
-        """None where nothing is required or measured."""
+        """Whether the requirement is met; None where nothing is required or measured."""
         if self.reached is None or self.required is None:
             return None
         if isinstance(self.required, tuple):
@@ -57,18 +57,18 @@ def share(
     required: float | tuple[float, float] | None = None,
     at_most: bool = False,
     note: str = "",
-) -> Row:
+) -> Measure:
     """A share with its interval."""
     k, n = int(np.sum(hits)), len(hits)
     if not n:
-        return Row(measure, None, required, at_most, None, 0, None, note)
+        return Measure(measure, None, required, at_most, None, 0, None, note)
     interval = binomtest(k, n).proportion_ci(0.95, "exact")
-    return Row(measure, k / n, required, at_most, k, n, (float(interval.low), float(interval.high)), note)
+    return Measure(measure, k / n, required, at_most, k, n, (float(interval.low), float(interval.high)), note)
 
 
-def rows(trials: Sequence[Trial]) -> list[Row]:
-    """All of them."""
-    of = {c: [t for t in trials if t.answer["category"] == c] for c in ("null", "one", "two", "three", "outside")}
+def measures(results: Sequence[CaseResult]) -> list[Measure]:
+    """All measures of a method."""
+    of = {c: [t for t in results if t.answer["category"] == c] for c in ("null", "one", "two", "three", "outside")}
     one, outside = ([t for t in of[c] if t.clear] for c in ("one", "outside"))
     apart = [t for t in one if not t.aliases]
     alike = [t for t in one if t.aliases]
@@ -82,19 +82,19 @@ def rows(trials: Sequence[Trial]) -> list[Row]:
         share("one clear effect: something found", [t.verdict not in ("no_mismatch", "failed") for t in one]),
         share("two clear effects: both named and placed", [t.right for t in of["two"] if t.clear], 0.90),
         share("three clear effects: all named and placed", [t.right for t in of["three"] if t.clear], 0.75),
-        *_recovery(trials, outside),
+        *_recovery(results, outside),
         share("outside the library: says so", [t.says_outside for t in outside], 0.95, note="clear cases"),
         share("indistinguishable: returns the set", [t.among_rivals for t in alike], 0.95),
         _set_size(alike),
-        _coverage([t for t in trials if t.clear and t.right]),
-        *_confidence(trials),
-        _worse(trials),
-        *_cost(trials),
-        share("failed with an error", [t.result["failure"] is not None for t in trials]),
+        _coverage([t for t in results if t.clear and t.right]),
+        *_confidence(results),
+        _worse(results),
+        *_cost(results),
+        share("failed with an error", [t.output["failure"] is not None for t in results]),
     ]
 
 
-def _alarms(nulls: Sequence[Trial]) -> Row:
+def _alarms(nulls: Sequence[CaseResult]) -> Measure:
     alarms = [t.verdict not in ("no_mismatch", "failed") or bool(t.said) for t in nulls]
     certain = sum(t.verdict == "mismatch" for t in nulls)
     k, n = sum(alarms), len(alarms)
@@ -104,12 +104,12 @@ def _alarms(nulls: Sequence[Trial]) -> Row:
     )
 
 
-def _unexplained(trial: Trial) -> bool:
-    return not trial.said and bool(trial.report.get("unexplained", {}).get("significant", False))
+def _unexplained(result: CaseResult) -> bool:
+    return not result.said and bool(result.report.get("unexplained", {}).get("significant", False))
 
 
-def _recovery(trials: Sequence[Trial], outside: Sequence[Trial]) -> list[Row]:
-    clear = [t for t in trials if t.clear and t.answer["category"] != "outside"]
+def _recovery(results: Sequence[CaseResult], outside: Sequence[CaseResult]) -> list[Measure]:
+    clear = [t for t in results if t.clear and t.answer["category"] != "outside"]
     inside = [r for t in clear if (r := t.recovery) is not None]
     beyond = [r for t in outside if (r := t.recovery) is not None]
     note = f"{len(clear) - len(inside)} cases with pushes, errors, or nothing to recover left out"
@@ -120,22 +120,22 @@ def _recovery(trials: Sequence[Trial], outside: Sequence[Trial]) -> list[Row]:
     ]
 
 
-def _quantile(measure: str, values: Sequence[float], at: float, required: float, note: str) -> Row:
+def _quantile(measure: str, values: Sequence[float], at: float, required: float, note: str) -> Measure:
     reached = float(np.quantile(values, at)) if values else None
-    return Row(measure, reached, required, count=len(values), note=note)
+    return Measure(measure, reached, required, count=len(values), note=note)
 
 
-def _set_size(alike: Sequence[Trial]) -> Row:
+def _set_size(alike: Sequence[CaseResult]) -> Measure:
     sizes = [len(t.returned[0]) for t in alike if t.returned]
     reached = float(np.mean(sizes)) if sizes else None
-    return Row("indistinguishable: mean size of the set", reached, 2.2, True, count=len(sizes))
+    return Measure("indistinguishable: mean size of the set", reached, 2.2, True, count=len(sizes))
 
 
-def _coverage(trials: Sequence[Trial]) -> Row:
+def _coverage(results: Sequence[CaseResult]) -> Measure:
     inside = []
-    for trial in trials:
-        findings = dict(zip(trial.said, trial.report.get("findings", ()), strict=True))
-        for key, true in zip(trial.truth, trial.answer["truth"], strict=True):
+    for result in results:
+        findings = dict(zip(result.said, result.report.get("findings", ()), strict=True))
+        for key, true in zip(result.truth, result.answer["truth"], strict=True):
             estimates = findings.get(key, {}).get("parameters", {})
             inside += [
                 estimates[name]["low"] <= value <= estimates[name]["high"]
@@ -145,20 +145,20 @@ def _coverage(trials: Sequence[Trial]) -> Row:
     return share("coverage of the 90 % intervals", inside, (0.88, 0.92), note="cases in which all is named and placed")
 
 
-def _confidence(trials: Sequence[Trial]) -> list[Row]:
-    """How often findings with a name are right, by what else the report says, and by their confidence."""
+def _confidence(results: Sequence[CaseResult]) -> list[Measure]:
+    """Shares of named findings that are right, by what else the report says, and by their confidence."""
     nameless = {"unknown", "external_pulse"}
     of: dict[str, list[bool]] = {"only noise is left": [], "more is left": [], "beside pushes or unknown": []}
     sure, unsure = [], []
-    for trial in trials:
-        findings = trial.report.get("findings", ())
+    for result in results:
+        findings = result.report.get("findings", ())
         beside = not nameless.isdisjoint(f["effect"] for f in findings)
-        left = trial.report.get("unexplained", {}).get("significant", False)
+        left = result.report.get("unexplained", {}).get("significant", False)
         where = "beside pushes or unknown" if beside else "more is left" if left else "only noise is left"
-        for key, finding in zip(trial.said, findings, strict=True):
+        for key, finding in zip(result.said, findings, strict=True):
             if finding["effect"] not in nameless:
-                of[where].append(key in trial.truth)
-                (sure if finding.get("confidence", 0.0) >= SURE else unsure).append(key in trial.truth)
+                of[where].append(key in result.truth)
+                (sure if finding.get("confidence", 0.0) >= SURE else unsure).append(key in result.truth)
     return [
         *(share(f"named findings that are right: {where}", hits) for where, hits in of.items()),
         share(f"named findings that are right: confidence of {SURE} and more", sure),
@@ -166,16 +166,16 @@ def _confidence(trials: Sequence[Trial]) -> list[Row]:
     ]
 
 
-def _worse(trials: Sequence[Trial]) -> Row:
-    pairs = [(t.error("corrected"), t.error("refitted")) for t in trials]
+def _worse(results: Sequence[CaseResult]) -> Measure:
+    pairs = [(t.error("corrected"), t.error("refitted")) for t in results]
     worse = [a > b for a, b in pairs if a is not None and b is not None]
     return share("corrected worse than refitted, held out", worse, 0.005, True)
 
 
-def _cost(trials: Sequence[Trial]) -> list[Row]:
-    wall, cpu = ([float(t.result[key]) for t in trials] for key in ("wall_s", "cpu_s"))
+def _cost(results: Sequence[CaseResult]) -> list[Measure]:
+    wall, cpu = ([float(t.output[key]) for t in results] for key in ("wall_s", "cpu_s"))
     middle = f"median {np.median(wall):.1f} s" if wall else ""
     return [
-        Row("seconds per case, longest", max(wall, default=None), 60.0, True, count=len(wall), note=middle),
-        Row("processor seconds per case, mean", float(np.mean(cpu)) if cpu else None, count=len(cpu)),
+        Measure("seconds per case, longest", max(wall, default=None), 60.0, True, count=len(wall), note=middle),
+        Measure("processor seconds per case, mean", float(np.mean(cpu)) if cpu else None, count=len(cpu)),
     ]

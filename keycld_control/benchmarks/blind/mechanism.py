@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Now:
+class StepState:
     """The state in the middle of a step, as plain floats, and the forces that add up.
 
     Attributes:
@@ -21,7 +21,7 @@ class Now:
         v: velocities.
         a: accelerations over the step before.
         u: commands as recorded.
-        f: generalised forces, which mechanisms add to.
+        f: generalised forces, to which mechanisms add, N m or N.
     """
 
     __slots__ = ("a", "f", "h", "q", "t", "u", "v")
@@ -38,8 +38,8 @@ class Run:
 
     Attributes:
         model: of this run alone; mechanisms may change it.
-        data: of this run.
-        rng: for what differs between runs.
+        data: state of this run.
+        rng: random numbers for what differs between runs.
         duration: seconds that are recorded.
     """
 
@@ -50,15 +50,17 @@ class Run:
 
 
 Motor = Callable[[float, float], float]
-Force = Callable[[Now], None]
-Dry = Callable[[Now], tuple[float, float]]
-Transmission = Callable[[Now, float], float]
+Force = Callable[[StepState], None]
+DryFriction = Callable[[StepState], tuple[float, float]]
+Transmission = Callable[[StepState, float], float]
 Push = Callable[[float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class Mechanism:
-    """Physics at one place. Every slot returns a function with a memory of its own, or None where it does nothing.
+class CaseMechanism:
+    """Physics at one place that the simulator lacks.
+
+    Every slot returns a function with a memory of its own, or None where it does nothing.
 
     Attributes:
         joint: index of the joint, -1 where there is none.
@@ -73,39 +75,39 @@ class Mechanism:
         """Change a compiled model in place."""
 
     def start(self, q: Array) -> Array:
-        """Positions `[nv]` to start from, for those drawn."""
+        """Positions `[nv]` to start from, in place of those that were drawn, rad or m."""
         return q
 
     def motor(self, run: Run) -> Motor | None:
-        """What the motor gives, of the time (s) and what it is told, both in units of commands."""
+        """The command that takes effect, as a function of the time (s) and the command that was given."""
         return None
 
     def transmission(self, run: Run) -> Transmission | None:
-        """What reaches the joint of the motor's torque, N m or N."""
+        """The torque that reaches the joint, as a function of the state and the motor's torque, N m or N."""
         return None
 
     def force(self, run: Run) -> Force | None:
-        """Adds to the generalised forces."""
+        """A function that adds to the generalised forces of a state."""
         return None
 
-    def dry(self, run: Run) -> Dry | None:
-        """Friction that holds the joint, N m or N, forward and backward; both at least zero."""
+    def dry_friction(self, run: Run) -> DryFriction | None:
+        """Limits of dry friction, forward and backward, both at least zero, N m or N."""
         return None
 
     def push(self, run: Run) -> Push | None:
-        """Acceleration of the base along x and z at a time, m/s^2."""
+        """Acceleration of the base along x and z, m/s², as a function of the time, s."""
         return None
 
     def alter(self, run: Run) -> Callable[[float], None] | None:
-        """Changes the model of the run at a time."""
+        """A function of the time (s) that changes the model of the run."""
         return None
 
-    def seen(self, t: Array) -> Array:
-        """Times of the motion that a sensor shows at its times `[T]`, s."""
+    def measured_times(self, t: Array) -> Array:
+        """Times of the motion that a sensor shows at its own times `[T]`, s."""
         return t
 
-    def numbers(self) -> dict[str, Any]:
-        """All parameters, for the answers."""
+    def parameters(self) -> dict[str, Any]:
+        """All parameters by name, for the answers."""
         return {k: v for k, v in asdict(self).items() if k not in ("joint", "actuator")}
 
     def comparable(self) -> dict[str, float]:
@@ -121,4 +123,4 @@ ORDER = (
     "actuator_gain",
     "parameter_drift",
 )
-"""In which a motor's mechanisms follow each other: wire, driver, current, limit, torque constant."""
+"""The order in which mechanisms of a motor follow each other: wire, driver, current, limit, torque constant."""

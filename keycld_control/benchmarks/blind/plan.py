@@ -14,19 +14,19 @@ from keycld_control.benchmarks.blind.strengths import DRIVEN, GLOBAL, LIBRARY
 
 Category = Literal["null", "one", "two", "three", "outside"]
 MIX: dict[Category, float] = {"null": 0.25, "one": 0.35, "two": 0.2, "three": 0.05, "outside": 0.15}
-"""Shares of all cases."""
+"""Share of each category among all cases."""
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Plan:
-    """One case.
+    """What a case is, before any number is drawn.
 
     Attributes:
         category: of the mix.
         system: short name.
-        excitation: kind.
-        parts: effects of the taxonomy, or one kind outside it, and where.
+        excitation: how the mechanism is moved.
+        parts: effects of the taxonomy, or one kind outside it, each with its site.
     """
 
     category: Category
@@ -36,7 +36,7 @@ class Plan:
 
 
 def plan(cases: int, seed: int) -> list[Plan]:
-    """All cases in the order of their numbers, which tells nothing."""
+    """Plans of all cases in the order of their numbers, which tells nothing about them."""
     rng = np.random.default_rng([seed, 0])
     counts = {c: round(share * cases) for c, share in MIX.items() if c != "one"}
     one = cases - sum(counts.values())
@@ -46,12 +46,12 @@ def plan(cases: int, seed: int) -> list[Plan]:
 
 
 def mix(plans: Sequence[Plan]) -> dict[str, int]:
-    """How many there are of each category."""
+    """How many plans there are of each category."""
     return dict(Counter(p.category for p in plans))
 
 
 def _endless(items: Sequence[T], rng: np.random.Generator) -> Iterator[T]:
-    """All of them in random order, again and again."""
+    """All items in random order, again and again."""
     while True:
         yield from (items[i] for i in rng.permutation(len(items)))
 
@@ -66,7 +66,7 @@ def _excitations(driven: bool) -> tuple[Excitation, ...]:
 
 
 def _places(effect: str) -> list[Site]:
-    """Where one effect can be; effects without a joint of their own once per system."""
+    """Sites at which an effect can be; effects without a joint of their own once per system."""
     return [s for system in SYSTEMS for s in sites(system)[: 1 if effect in GLOBAL else None]]
 
 

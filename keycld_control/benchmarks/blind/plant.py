@@ -14,19 +14,20 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_control.benchmarks.blind.mechanism import ORDER, Array, Dry, Mechanism, Motor, Now, Run
+from keycld_control.benchmarks.blind.mechanism import ORDER, Array, CaseMechanism, DryFriction, Motor, Run, StepState
 
 STEP = 1e-3
-"""Seconds."""
+"""Time step, s."""
 BEFORE = 100
 """Steps that are simulated before the first sample, in which the first command holds."""
 SWEEPS = 4
+"""Gauss-Seidel sweeps over the joints with dry friction."""
 Controller = Callable[[int, Array], Array]
 """Commands `[nu]` at a tick, for what the sensors show then `[nv]`."""
 
 
 @dataclass(frozen=True)
-class Path:
+class PlantTrajectory:
     """A simulated run.
 
     Attributes:
@@ -50,15 +51,15 @@ class Path:
         return (1 + 2 * s) * (1 - s) ** 2 * q0 + s * (1 - s) ** 2 * v0 + s**2 * (3 - 2 * s) * q1 + s**2 * (s - 1) * v1
 
 
-class Plant:
-    """A mechanism with physics that the simulator lacks.
+class CasePlant:
+    """A mechanism with the physics that the simulator lacks, in steps of one millisecond.
 
     Attributes:
         model: with masses and lengths as they are.
-        mechanisms: what is missing elsewhere.
+        mechanisms: physics that the simulator lacks.
     """
 
-    def __init__(self, model: mujoco.MjModel, mechanisms: Sequence[Mechanism] = ()) -> None:
+    def __init__(self, model: mujoco.MjModel, mechanisms: Sequence[CaseMechanism] = ()) -> None:
         self.model, self.mechanisms = copy.copy(model), tuple(mechanisms)
         option = self.model.opt
         option.timestep, option.integrator, option.enableflags = STEP, mujoco.mjtIntegrator.mjINT_RK4, 0
@@ -67,10 +68,10 @@ class Plant:
             mechanism.edit(self.model)
         mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
 
-    def seen(self, t: Array) -> Array:
-        """Times of the motion that the sensors show at times `[T]`."""
+    def measured_times(self, t: Array) -> Array:
+        """Times of the motion that the sensors show at times `[T]`, s."""
         for mechanism in self.mechanisms:
-            t = mechanism.seen(t)
+            t = mechanism.measured_times(t)
         return t
 
     def simulate(
@@ -82,7 +83,7 @@ class Plant:
         rng: np.random.Generator,
         duration: float,
         fastest: float = np.inf,
-    ) -> Path | None:
+    ) -> PlantTrajectory | None:
         """One run.
 
         Args:
@@ -92,7 +93,7 @@ class Plant:
             controller: of the commands.
             rng: for what mechanisms draw anew in each run.
             duration: s.
-            fastest: greatest speed of any joint.
+            fastest: greatest speed of any joint, rad/s or m/s.
 
         Returns:
             The run; None if it gets faster than that.
@@ -100,7 +101,7 @@ class Plant:
         model = copy.copy(self.model)
         data = mujoco.MjData(model)
         run, nv = Run(model, data, rng, duration), model.nv
-        last = int(np.ceil(max(self.seen(np.array([duration]))[0], duration) / STEP)) + 2
+        last = int(np.ceil(max(self.measured_times(np.array([duration]))[0], duration) / STEP)) + 2
         path_q, path_v = np.empty((BEFORE + last + 1, nv)), np.empty((BEFORE + last + 1, nv))
         for mechanism in self.mechanisms:
             q = mechanism.start(q)
@@ -112,21 +113,21 @@ class Plant:
             path_q[k + BEFORE], path_v[k + BEFORE] = data.qpos, data.qvel
             if (k >= upcoming[due]) or (k == -BEFORE):
                 if due or k == -BEFORE:
-                    shown = np.clip(int(self.seen(np.array([k * STEP]))[0] / STEP), -BEFORE, k)
+                    shown = np.clip(int(self.measured_times(np.array([k * STEP]))[0] / STEP), -BEFORE, k)
                     commands[due] = controller(due, path_q[int(shown) + BEFORE])
                     advance.now.u = commands[due].tolist()
                 due += k >= 0
             if advance.step(k * STEP) > fastest:
                 return None
-        return Path(-BEFORE * STEP, path_q, path_v, commands)
+        return PlantTrajectory(-BEFORE * STEP, path_q, path_v, commands)
 
 
 class _Advance:
-    """One step after the other."""
+    """Steps of one run, one after the other."""
 
-    def __init__(self, run: Run, mechanisms: Sequence[Mechanism]) -> None:
+    def __init__(self, run: Run, mechanisms: Sequence[CaseMechanism]) -> None:
         self.run, model = run, run.model
-        self.now = Now(model.nv, model.nu, STEP)
+        self.now = StepState(model.nv, model.nu, STEP)
         joints = [int(model.jnt_dofadr[model.actuator_trnid[i, 0]]) for i in range(model.nu)]
         chains: list[list[Motor]] = [[] for _ in joints]
         for m in sorted(mechanisms, key=lambda m: ORDER.index(m.id) if m.id in ORDER else len(ORDER)):
@@ -137,9 +138,9 @@ class _Advance:
         self.forces = [force for m in mechanisms if (force := m.force(run)) is not None]
         self.pushes = [push for m in mechanisms if (push := m.push(run)) is not None]
         self.alterations = [alter for m in mechanisms if (alter := m.alter(run)) is not None]
-        self.dry: dict[int, list[Dry]] = {}
+        self.dry: dict[int, list[DryFriction]] = {}
         for m in mechanisms:
-            if (dry := m.dry(run)) is not None:
+            if (dry := m.dry_friction(run)) is not None:
                 self.dry.setdefault(m.joint, []).append(dry)
         self.gravity = model.opt.gravity.copy()
         mujoco.mj_forward(model, run.data)
@@ -148,7 +149,7 @@ class _Advance:
         self.mass = np.zeros((model.nv, model.nv))
 
     def step(self, t: float) -> float:
-        """From time t; returns the greatest speed before it."""
+        """Advance from time t (s) by a step; returns the greatest speed before it."""
         now, data = self.now, self.run.data
         q, v, a, half = data.qpos.tolist(), data.qvel.tolist(), self.now.a, 0.5 * STEP
         now.t = t + half
@@ -168,14 +169,14 @@ class _Advance:
             x, z = map(sum, zip(*(push(now.t) for push in self.pushes), strict=True))
             self.run.model.opt.gravity[:] = self.gravity[0] - x, self.gravity[1], self.gravity[2] - z
         if self.dry:
-            f = self._rub(v, a, f)
+            f = self._with_dry_friction(v, a, f)
         data.qfrc_applied[:] = f
         self.before = f
         mujoco.mj_step(self.run.model, data)
         now.a = [(x - y) / STEP for x, y in zip(data.qvel.tolist(), v, strict=True)]
         return max(map(abs, v))
 
-    def _rub(self, v: list[float], a: list[float], f: list[float]) -> list[float]:
+    def _with_dry_friction(self, v: list[float], a: list[float], f: list[float]) -> list[float]:
         """Forces with dry friction, averaged over the step."""
         mujoco.mj_fullM(self.run.model, self.run.data, self.mass)
         inverse = _inverse(self.mass.tolist())
@@ -183,14 +184,14 @@ class _Advance:
         size = range(len(f))
         free = [a[i] + sum(inverse[i][j] * (f[j] - before[j]) for j in size) for i in size]
         limits = {
-            j: [sum(side) for side in zip(*(dry(self.now) for dry in drys), strict=True)]
-            for j, drys in self.dry.items()
+            j: [sum(side) for side in zip(*(dry(self.now) for dry in acting), strict=True)]
+            for j, acting in self.dry.items()
         }
         friction = [0.0] * len(f)
         for _ in range(SWEEPS if len(limits) > 1 else 1):
             for j, (forward, backward) in limits.items():
                 other = free[j] + sum(inverse[j][i] * friction[i] for i in limits if i != j)
-                friction[j] = _dry(v[j], other, inverse[j][j], forward, backward)
+                friction[j] = _mean_dry_friction(v[j], other, inverse[j][j], forward, backward)
         return [x + y for x, y in zip(f, friction, strict=True)]
 
 
@@ -204,15 +205,15 @@ def _inverse(m: list[list[float]]) -> list[list[float]]:
     return np.linalg.inv(m).tolist()
 
 
-def _dry(v: float, a: float, mobility: float, forward: float, backward: float) -> float:
+def _mean_dry_friction(v: float, a: float, mobility: float, forward: float, backward: float) -> float:
     """Mean dry friction over a step, for the speed at its start, and the acceleration without friction."""
-    rub, left = 0.0, STEP
+    impulse, left = 0.0, STEP
     if v != 0:
         slide = -forward if v > 0 else backward
         accelerated = a + mobility * slide
         if (v + STEP * accelerated) * v > 0:
             return slide
         stopped = min(STEP, -v / accelerated)
-        rub, left = slide * stopped, STEP - stopped
+        impulse, left = slide * stopped, STEP - stopped
     hold = -a / mobility
-    return (rub + left * min(max(hold, -forward), backward)) / STEP
+    return (impulse + left * min(max(hold, -forward), backward)) / STEP

@@ -8,6 +8,7 @@ from typing import Any
 
 from keycld_control.benchmarks.blind.make import SCHEMA, name
 from keycld_control.benchmarks.blind.methods import METHODS, get_method
+from keycld_control.plain_json import plain
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
 from keycld_envs.progress import progress
@@ -44,12 +45,12 @@ def run(out: Path, method: str = "diagnose", workers: int = 1, ray: str | None =
 
 
 def reports(out: Path, method: str) -> Path:
-    """Folder of a method's reports."""
+    """The folder of a method's reports."""
     return out / ("reports" if method == "diagnose" else f"reports-{method.replace(':', '.')}")
 
 
 def read_manifest(out: Path) -> dict[str, Any]:
-    """Of a complete benchmark.
+    """The manifest of a complete benchmark.
 
     Raises:
         InputError: if there is none.
@@ -65,14 +66,14 @@ def read_manifest(out: Path) -> dict[str, Any]:
 
 
 def _run(out: Path, method: str, index: int) -> None:
-    """One case; an error of the method is its answer, not the end of the run."""
-    folder = out / "cases" / name(index)
-    training = read_dataset(folder / "training").recordings
-    held_out = read_dataset(folder / "held_out").recordings
-    model = Source.of(None, training[0].system).model
+    """Report on one case; an error is recorded as its failure and does not end the run."""
     wall, cpu, report, failure = time.perf_counter(), time.process_time(), None, None
     try:
-        report = get_method(method)(training, held_out, model)
+        case = out / "cases" / name(index)
+        training, held_out = (read_dataset(case / part).recordings for part in ("training", "held_out"))
+        model = Source.of(None, training[0].system).model
+        wall, cpu = time.perf_counter(), time.process_time()
+        report = plain(get_method(method)(training, held_out, model))
     except Exception as error:
         failure = f"{type(error).__name__}: {error}"
     result = {

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from keycld_control.benchmarks.blind.make import name
-from keycld_control.benchmarks.blind.match import Key, Trial
-from keycld_control.benchmarks.blind.measures import rows
+from keycld_control.benchmarks.blind.match import CaseResult, Key
+from keycld_control.benchmarks.blind.measures import measures
 from keycld_control.benchmarks.blind.run import read_manifest, reports
 from keycld_control.benchmarks.blind.tables import markdown
 from keycld_envs.errors import InputError
@@ -36,7 +36,7 @@ def score(out: Path, partial: bool = False) -> dict[str, Any]:
     if not methods:
         raise InputError(f"{out} has no reports; run `keycld blind run {out}` first.")
     methods.sort(key=lambda m: (m != "diagnose", m))
-    scored = {method: _score(_trials(out, method, answers, partial)) for method in methods}
+    scored = {method: _score(_results(out, method, answers, partial)) for method in methods}
     result = {"manifest": manifest, "methods": scored}
     with atomic_file(out / "score.md", "w") as file:
         file.write(markdown(result))
@@ -54,63 +54,63 @@ def _answers(out: Path, manifest: dict[str, Any]) -> list[dict[str, Any]]:
     return json.loads(content)
 
 
-def _trials(out: Path, method: str, answers: Sequence[dict[str, Any]], partial: bool) -> list[Trial]:
-    folder, trials = reports(out, method), []
+def _results(out: Path, method: str, answers: Sequence[dict[str, Any]], partial: bool) -> list[CaseResult]:
+    folder, results = reports(out, method), []
     for i, answer in enumerate(answers):
         path = folder / f"{name(i)}.json"
         if partial and not path.exists():
             continue
         try:
-            trials.append(Trial(answer, json.loads(path.read_text(encoding="utf-8"))))
+            results.append(CaseResult(answer, json.loads(path.read_text(encoding="utf-8"))))
         except (OSError, ValueError) as error:
             raise InputError(
                 f"{path} is missing or damaged; `keycld blind run {out} --method {method}` completes the reports."
             ) from error
-    return trials
+    return results
 
 
-def _score(trials: Sequence[Trial]) -> dict[str, Any]:
-    single = [t for t in trials if len(t.truth) < 2]
+def _score(results: Sequence[CaseResult]) -> dict[str, Any]:
+    single = [t for t in results if len(t.truth) < 2]
     confusion: dict[str, Counter[str]] = {}
     for t in single:
         truth = t.truth[0][0] if t.truth else "nothing"
         confusion.setdefault(truth, Counter())[" + ".join(sorted(e for e, _ in t.said)) or "nothing"] += 1
     return {
-        "cases": len(trials),
-        "rows": [row.to_dict() for row in rows(trials)],
+        "cases": len(results),
+        "rows": [row.to_dict() for row in measures(results)],
         "confusion": {truth: dict(said.most_common()) for truth, said in sorted(confusion.items())},
-        "wrong": [_wrong(t) for t in trials if not _good(t)],
+        "wrong": [_wrong(t) for t in results if not _correct(t)],
     }
 
 
-def _good(trial: Trial) -> bool:
+def _correct(result: CaseResult) -> bool:
     """What a case should come to; effects that are not clear are nobody's fault."""
-    if trial.result["failure"] is not None:
+    if result.output["failure"] is not None:
         return False
-    if trial.answer["category"] == "null":
-        return trial.verdict == "no_mismatch" and not trial.said
-    if not trial.clear:
+    if result.answer["category"] == "null":
+        return result.verdict == "no_mismatch" and not result.said
+    if not result.clear:
         return True
-    return trial.says_outside if trial.answer["category"] == "outside" else trial.right
+    return result.says_outside if result.answer["category"] == "outside" else result.right
 
 
-def _wrong(trial: Trial) -> dict[str, Any]:
-    answer = trial.answer
+def _wrong(result: CaseResult) -> dict[str, Any]:
+    answer = result.answer
     return {
         "case": answer["case"],
         "system": answer["system"],
         "excitation": answer["excitation"],
         "truth": [
             f"{_text(key)}{' ' + str(t['parameters'].get('kind', '')) if key[0] == 'unknown' else ''}"
-            for key, t in zip(trial.truth, answer["truth"], strict=True)
+            for key, t in zip(result.truth, answer["truth"], strict=True)
         ],
-        "said": [_text(key) for key in trial.said],
-        "rivals": sorted({str(r) for f in trial.report.get("findings", ()) for r in f.get("rivals", ())}),
-        "verdict": trial.verdict,
+        "said": [_text(key) for key in result.said],
+        "rivals": sorted({str(r) for f in result.report.get("findings", ()) for r in f.get("rivals", ())}),
+        "verdict": result.verdict,
         "grade": answer["grade"],
         "gain_nats": [round(t["gain_nats"], 1) for t in answer["truth"]],
-        "recovery": trial.recovery,
-        "failure": trial.result["failure"],
+        "recovery": result.recovery,
+        "failure": result.output["failure"],
     }
 
 

@@ -1,6 +1,6 @@
 """The score for people: a table on the terminal, and a Markdown report with all methods side by side."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 
@@ -102,6 +102,6 @@ def _counts(said: Mapping[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in said.items())
 
 
-def _table(columns: list[str], lines: Any) -> list[str]:
+def _table(columns: Sequence[str], lines: Iterable[Sequence[str]]) -> list[str]:
     cells = [columns, ["---"] * len(columns), *([cell.replace("|", "/") for cell in line] for line in lines)]
     return ["| " + " | ".join(row) + " |" for row in cells]

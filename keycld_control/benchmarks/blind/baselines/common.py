@@ -34,7 +34,7 @@ class Setup:
 
     @classmethod
     def of(cls, training: Sequence[Recording], held_out: Sequence[Recording], model: mujoco.MjModel) -> "Setup":
-        """Checked and thinned."""
+        """The setup of checked recordings, of which no more samples are kept than the diagnosis uses."""
         refitting.check([*training, *held_out], model)
         refitting.check_apart(training, held_out)
         return cls([refitting.thin(r) for r in training], [refitting.thin(r) for r in held_out], model)
@@ -46,17 +46,17 @@ class Setup:
 
     @cached_property
     def simulator(self) -> Simulator:
-        """With steps of which samples are a whole number apart."""
+        """The simulator with steps such that samples are a whole number of them apart."""
         return Simulator(self.model, refitting.accurate_step(self.training), threads=1)
 
     @cached_property
     def sigma(self) -> NDArray[np.float64]:
-        """Noise of the sensors, `[nv]`."""
+        """Standard deviation of the sensors' noise, `[nv]`, rad or m."""
         return refitting.noise(self.training)
 
     @cached_property
     def refitted(self) -> Fit:
-        """Nuisances alone, on the windows of the diagnosis."""
+        """The simulator with masses, lengths and zeros refitted, on the windows of the diagnosis."""
         problem = refitting.windowed(self.simulator, self.training, self.sigma)
         return refitting.refit(refitting.at_most(problem))
 
@@ -76,7 +76,7 @@ class Setup:
     def report(
         self, verdict: str, findings: list[dict[str, Any]], corrected: Variant, chi_square: float
     ) -> dict[str, Any]:
-        """In the schema of the diagnosis, as far as a baseline can fill it."""
+        """A report in the schema of the diagnosis, as far as a baseline can fill it."""
         nominal = Variant(np.zeros_like(self.refitted.problem.spreads))
         return {
             "schema": "keycld.diagnosis/1",
@@ -100,5 +100,5 @@ def finding(effect: str, family: str, kind: str, name: str, parameters: dict[str
 
 
 def with_effects(variant: Variant, *effects: Effect) -> Variant:
-    """The refitted simulator with more physics."""
+    """A refitted simulator with more physics."""
     return Variant(variant.values, effects)

@@ -14,6 +14,7 @@ from keycld_model.diagnosis.search.hypotheses import hypotheses, seen
 from keycld_model.diagnosis.search.screening import promising
 
 LARGEST = 6
+"""Greatest number of effects."""
 
 
 def greedy(training: Sequence[Recording], held_out: Sequence[Recording], model: mujoco.MjModel) -> dict[str, Any]:
@@ -22,15 +23,15 @@ def greedy(training: Sequence[Recording], held_out: Sequence[Recording], model: 
     best = setup.refitted
     while len(best.effects) < LARGEST and (effect := _next(best, model)) is not None:
         longer = best.problem.minimise(best.point.with_effects(*best.effects, effect))
-        if _price(longer) >= _price(best):
+        if _criterion(longer) >= _criterion(best):
             break
         best = longer
     findings = [_finding(effect) for effect in best.effects]
     return setup.report("mismatch" if findings else "no_mismatch", findings, best.point.variant, best.chi_square)
 
 
-def _price(fit: Fit) -> float:
-    """Schwarz (1978), in nats."""
+def _criterion(fit: Fit) -> float:
+    """The Bayesian information criterion (Schwarz, 1978), in nats."""
     return fit.cost + 0.5 * np.log(fit.problem.samples) * sum(len(effect.parameters()) for effect in fit.effects)
 
 

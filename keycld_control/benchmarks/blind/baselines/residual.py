@@ -17,13 +17,15 @@ from keycld_envs.effects.base import Kind
 from keycld_envs.recordings import Recording
 
 Array = NDArray[np.float64]
+Law = Callable[[Array, Array, Array], Array]
+"""Torque `[..., nv]` of positions `[..., nv]`, velocities `[..., nv]`, and commands `[..., nu]`."""
 SMOOTH = 0.15
 """Seconds of the cubic polynomials that give speeds and accelerations (Savitzky and Golay, 1964)."""
 
 
 @dataclass(frozen=True)
-class Samples:
-    """Of one recording, on an even grid, without its ends.
+class ResidualTorque:
+    """Torque that is missing in one recording, on an even grid without its ends.
 
     Attributes:
         q: `[T, nv]` positions with the fitted zeros taken out.
@@ -38,8 +40,8 @@ class Samples:
     torque: Array
 
 
-def missing_torque(setup: Setup, recording: Recording) -> Samples:
-    """By inverse dynamics of the refitted simulator."""
+def missing_torque(setup: Setup, recording: Recording) -> ResidualTorque:
+    """The torque that the refitted simulator lacks to move as recorded, by inverse dynamics."""
     variant, simulator = setup.refitted.point.variant, setup.simulator
     model = simulator.compile(variant)
     data = mujoco.MjData(model)
@@ -59,7 +61,7 @@ def missing_torque(setup: Setup, recording: Recording) -> Samples:
         mujoco.mj_fwdActuation(model, data)
         torque[k] = data.qfrc_inverse - data.qfrc_actuator
     inside = slice(width // 2, -(width // 2))
-    return Samples(q[inside], v[inside], u[inside], torque[inside])
+    return ResidualTorque(q[inside], v[inside], u[inside], torque[inside])
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +79,13 @@ class LearntTorque(Effect):
     kind: ClassVar[Kind] = "world"
     equation: ClassVar[str] = "tau = f(q, v, u)"
 
-    law: Callable[[Array, Array, Array], Array]
+    law: Law
     fastest: Array
     largest: Array
 
     @classmethod
-    def of(cls, law: Callable[[Array, Array, Array], Array], runs: Sequence[Samples]) -> Self:
-        """With the limits of what it was learnt from."""
+    def of(cls, law: Law, runs: Sequence[ResidualTorque]) -> Self:
+        """A law with the limits of the motion that it was learnt from."""
         fastest, largest = (
             np.max([np.abs(z).max(axis=0) for z in (getattr(r, key) for r in runs)], axis=0) for key in ("v", "torque")
         )
@@ -91,7 +93,7 @@ class LearntTorque(Effect):
 
     @classmethod
     def candidates(cls, model: mujoco.MjModel) -> tuple[Self, ...]:
-        """None: it is learnt, not searched for."""
+        """No candidates: the law is learnt, not searched for."""
         return ()
 
     def force(self, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:

@@ -1,19 +1,25 @@
 """Sparse regression of the missing torque (Brunton et al., 2016), with PySINDy; needs the extra `sindy`."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from keycld_control.benchmarks.blind.baselines.common import Setup, finding, with_effects
-from keycld_control.benchmarks.blind.baselines.residual import SMOOTH, Array, LearntTorque, Samples, missing_torque
+from keycld_control.benchmarks.blind.baselines.residual import (
+    SMOOTH,
+    Array,
+    Law,
+    LearntTorque,
+    ResidualTorque,
+    missing_torque,
+)
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 
-Term = Callable[[Array, Array, Array], Array]
-TERMS: dict[str, tuple[Term, str, str, float]] = {
+TERMS: dict[str, tuple[Law, str, str, float]] = {
     "1": (lambda q, v, u: np.ones_like(q), "constant_force", "force", 0),
     "q": (lambda q, v, u: q, "spring", "force", -1),
     "sin q": (lambda q, v, u: np.sin(q), "gravity_tilt", "force", 0),
@@ -76,7 +82,7 @@ def sindy(training: Sequence[Recording], held_out: Sequence[Recording], model: m
     return setup.report("mismatch" if named else "no_mismatch", list(named.values()), corrected, fit.chi_square)
 
 
-def _regress(runs: Sequence[Samples], joint: int, motor: int, together: float) -> dict[str, float]:
+def _regress(runs: Sequence[ResidualTorque], joint: int, motor: int, together: float) -> dict[str, float]:
     """Active terms and their weights, N m or N; as many samples as were smoothed `together` count as one."""
     try:
         import pysindy
@@ -98,8 +104,8 @@ def _regress(runs: Sequence[Samples], joint: int, motor: int, together: float) -
             sparse.fit(features / size, (torque / scale)[:, None])
         weights = np.asarray(sparse.coef_)[0] * scale / size
         left = np.mean((torque - features @ weights) ** 2)
-        price = np.log(left) * number + np.log(number) * np.count_nonzero(weights)
-        if price < best:
-            best = price
+        criterion = np.log(left) * number + np.log(number) * np.count_nonzero(weights)
+        if criterion < best:
+            best = criterion
             chosen = {name: float(w) for name, w in zip(names, weights, strict=True) if w}
     return chosen

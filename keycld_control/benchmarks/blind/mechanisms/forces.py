@@ -7,72 +7,72 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_control.benchmarks.blind.mechanism import Array, Force, Mechanism, Now, Push, Run
+from keycld_control.benchmarks.blind.mechanism import Array, CaseMechanism, Force, Push, Run, StepState
 
 
 @dataclass(frozen=True)
-class Spring(Mechanism):
-    """-k (q - q0)."""
+class LinearSpring(CaseMechanism):
+    """A spring, -k (q - q0)."""
 
     id: ClassVar[str] = "spring"
     k: float
     q0: float
 
     def force(self, run: Run) -> Force:
-        """Linear."""
+        """The force of the spring."""
         j, k, q0 = self.joint, self.k, self.q0
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             now.f[j] -= k * (now.q[j] - q0)
 
         return add
 
     def comparable(self) -> dict[str, float]:
-        """Its stiffness."""
+        """The stiffness, N m/rad or N/m."""
         return {"k": self.k}
 
 
 @dataclass(frozen=True)
-class Constant(Mechanism):
-    """f."""
+class Constant(CaseMechanism):
+    """A constant force f."""
 
     id: ClassVar[str] = "constant_force"
     f: float
 
     def force(self, run: Run) -> Force:
-        """Always the same."""
+        """The force f."""
         j, f = self.joint, self.f
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             now.f[j] += f
 
         return add
 
     def comparable(self) -> dict[str, float]:
-        """Its size."""
+        """The force, N m or N."""
         return {"f": self.f}
 
 
 @dataclass(frozen=True)
-class Tilt(Mechanism):
-    """Gravity turned by alpha towards +x."""
+class Tilt(CaseMechanism):
+    """Gravity that is turned by alpha towards +x."""
 
     id: ClassVar[str] = "gravity_tilt"
     alpha: float
 
     def edit(self, model: mujoco.MjModel) -> None:
-        """Turn it."""
+        """Turn the gravity of the model."""
         size = float(np.linalg.norm(model.opt.gravity))
         model.opt.gravity[:] = size * sin(self.alpha), 0.0, -size * cos(self.alpha)
 
     def comparable(self) -> dict[str, float]:
-        """Its angle."""
+        """The angle, rad."""
         return {"alpha": self.alpha}
 
 
 @dataclass(frozen=True)
-class Cogging(Mechanism):
-    """f sin(n q + phase)."""
+class TorqueRipple(CaseMechanism):
+    """A torque ripple over the position, f sin(n q + phase)."""
 
     id: ClassVar[str] = "cogging"
     f: float
@@ -80,24 +80,24 @@ class Cogging(Mechanism):
     phase: float
 
     def force(self, run: Run) -> Force:
-        """A ripple."""
+        """The ripple's force."""
         j = self.joint
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             now.f[j] += self.f * sin(self.n * now.q[j] + self.phase)
 
         return add
 
     def comparable(self) -> dict[str, float]:
-        """Its order."""
+        """The order: periods per turn, or per metre times 2 pi."""
         return {"n": self.n}
 
 
 @dataclass(frozen=True)
-class Pulse(Mechanism):
-    """One to three pushes in every recording, at times of their own: rectangles or half sines of up to f.
+class Pushes(CaseMechanism):
+    """One to three pushes in every recording, rectangles or half sines of up to f.
 
-    Signs and times are drawn anew in each run; `Pulse.windows` tells them for an equal generator.
+    Signs and times are drawn anew in each run; `Pushes.windows` tells them for an equal generator.
     """
 
     id: ClassVar[str] = "external_pulse"
@@ -117,10 +117,10 @@ class Pulse(Mechanism):
         return [(float(a), float(b), float(f)) for a, b, f in out]
 
     def force(self, run: Run) -> Force:
-        """On and off."""
+        """The force of the push that acts at a time."""
         j, windows = self.joint, self.windows(run.rng, run.duration)
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             for start, end, f in windows:
                 if start <= now.t < end:
                     now.f[j] += f * (sin(pi * (now.t - start) / (end - start)) if self.rounded else 1.0)
@@ -129,8 +129,8 @@ class Pulse(Mechanism):
 
 
 @dataclass(frozen=True)
-class Periodic(Mechanism):
-    """f sin(w t + phase), t being the recording's own time."""
+class Periodic(CaseMechanism):
+    """A periodic force f sin(w t + phase), t being the recording's own time."""
 
     id: ClassVar[str] = "external_periodic"
     f: float
@@ -138,22 +138,22 @@ class Periodic(Mechanism):
     phase: float
 
     def force(self, run: Run) -> Force:
-        """A sinusoid."""
+        """The sinusoidal force."""
         j = self.joint
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             now.f[j] += self.f * sin(self.w * now.t + self.phase)
 
         return add
 
     def comparable(self) -> dict[str, float]:
-        """Its angular frequency."""
+        """The angular frequency, rad/s."""
         return {"w": self.w}
 
 
 @dataclass(frozen=True)
-class BaseMotion(Mechanism):
-    """The base moves by x(t) = size sin(w t + phase) along x or z; in its frame gravity is less by the acceleration."""
+class BaseVibration(CaseMechanism):
+    """A base that moves by size sin(w t + phase) along x or z; in its frame gravity is less by the acceleration."""
 
     id: ClassVar[str] = "base_motion"
     size: float
@@ -162,7 +162,7 @@ class BaseMotion(Mechanism):
     vertical: bool
 
     def push(self, run: Run) -> Push:
-        """Its acceleration."""
+        """The acceleration of the base."""
         top = -self.size * self.w**2
 
         def acceleration(t: float) -> tuple[float, float]:
@@ -172,13 +172,13 @@ class BaseMotion(Mechanism):
         return acceleration
 
     def comparable(self) -> dict[str, float]:
-        """Its angular frequency."""
+        """The angular frequency, rad/s."""
         return {"w": self.w}
 
 
 @dataclass(frozen=True)
-class EndStop(Mechanism):
-    """-(k x + d v) for a depth x = side (q - at) > 0, never pulling back."""
+class CompliantStop(CaseMechanism):
+    """An end stop, -(k x + d v) for a depth x = side (q - at) > 0, never pulling back."""
 
     id: ClassVar[str] = "end_stop"
     k: float
@@ -187,7 +187,7 @@ class EndStop(Mechanism):
     d: float
 
     def start(self, q: Array) -> Array:
-        """Not inside the stop: mirrored out of it."""
+        """Positions inside the stop are mirrored out of it."""
         q = q.copy()
         depth = self.side * (q[self.joint] - self.at)
         if depth > 0:
@@ -195,10 +195,10 @@ class EndStop(Mechanism):
         return q
 
     def force(self, run: Run) -> Force:
-        """A spring and a damper while pressed."""
+        """The force of a spring and a damper while the joint is inside the stop."""
         j = self.joint
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             depth = self.side * (now.q[j] - self.at)
             if depth > 0:
                 now.f[j] -= self.side * max(0.0, self.k * depth + self.d * self.side * now.v[j])
@@ -206,5 +206,5 @@ class EndStop(Mechanism):
         return add
 
     def comparable(self) -> dict[str, float]:
-        """Where it stands."""
+        """The position of the stop, rad or m."""
         return {"at": self.at}

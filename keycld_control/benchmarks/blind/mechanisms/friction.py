@@ -7,95 +7,95 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_control.benchmarks.blind.mechanism import Dry, Force, Mechanism, Now, Run
+from keycld_control.benchmarks.blind.mechanism import CaseMechanism, DryFriction, Force, Run, StepState
 
 
 @dataclass(frozen=True)
-class Viscous(Mechanism):
-    """-b v."""
+class Viscous(CaseMechanism):
+    """Viscous friction, -b v."""
 
     id: ClassVar[str] = "viscous_friction"
     b: float
 
     def force(self, run: Run) -> Force:
-        """Proportional to the speed."""
+        """A force proportional to the speed."""
         j, b = self.joint, self.b
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             now.f[j] -= b * now.v[j]
 
         return add
 
     def comparable(self) -> dict[str, float]:
-        """Its coefficient."""
+        """The coefficient, N m s/rad or N s/m."""
         return {"b": self.b}
 
 
 @dataclass(frozen=True)
-class Drag(Mechanism):
-    """-d v abs(v)."""
+class Drag(CaseMechanism):
+    """Quadratic drag, -d v abs(v)."""
 
     id: ClassVar[str] = "quadratic_drag"
     d: float
 
     def force(self, run: Run) -> Force:
-        """Proportional to the square of the speed."""
+        """A force proportional to the square of the speed."""
         j, d = self.joint, self.d
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             now.f[j] -= d * now.v[j] * abs(now.v[j])
 
         return add
 
     def comparable(self) -> dict[str, float]:
-        """Its coefficient."""
+        """The coefficient, N m s²/rad² or N s²/m²."""
         return {"d": self.d}
 
 
 @dataclass(frozen=True)
-class Coulomb(Mechanism):
-    """-c sign v, and up to c at rest."""
+class Coulomb(CaseMechanism):
+    """Coulomb friction, -c sign v, and up to c at rest."""
 
     id: ClassVar[str] = "coulomb_friction"
     c: float
 
-    def dry(self, run: Run) -> Dry:
-        """Constant."""
+    def dry_friction(self, run: Run) -> DryFriction:
+        """Constant limits."""
         limits = self.c, self.c
         return lambda now: limits
 
     def comparable(self) -> dict[str, float]:
-        """Its torque."""
+        """The friction, N m or N."""
         return {"c": self.c}
 
 
 @dataclass(frozen=True)
-class Stribeck(Mechanism):
-    """-(c + (s - c) exp(-(v/vs)^2)) sign v, and up to s at rest."""
+class Stribeck(CaseMechanism):
+    """Stribeck friction, -(c + (s - c) exp(-(v/vs)^2)) sign v, and up to s at rest."""
 
     id: ClassVar[str] = "stribeck_friction"
     c: float
     s: float
     vs: float
 
-    def dry(self, run: Run) -> Dry:
-        """Higher at low speed."""
+    def dry_friction(self, run: Run) -> DryFriction:
+        """Limits that are higher at low speed."""
         j, c, extra, vs = self.joint, self.c, self.s - self.c, self.vs
 
-        def limits(now: Now) -> tuple[float, float]:
+        def limits(now: StepState) -> tuple[float, float]:
             size = c + extra * exp(-((now.v[j] / vs) ** 2))
             return size, size
 
         return limits
 
     def comparable(self) -> dict[str, float]:
-        """Its sliding torque."""
+        """The friction at high speed, N m or N."""
         return {"c": self.c}
 
 
 @dataclass(frozen=True)
-class LoadDependent(Mechanism):
-    """-mu abs(N) sign v.
+class LoadDependent(CaseMechanism):
+    """Friction in proportion to the load, -mu abs(N) sign v.
 
     N is the force that the joint's parent exerts on the body, from MuJoCo's recursive Newton-Euler: for a hinge the
     magnitude of the bearing's force in the plane of motion, mu being coefficient times radius (m); for a slide its
@@ -105,13 +105,13 @@ class LoadDependent(Mechanism):
     id: ClassVar[str] = "load_dependent_friction"
     mu: float
 
-    def dry(self, run: Run) -> Dry:
-        """Proportional to the load."""
+    def dry_friction(self, run: Run) -> DryFriction:
+        """Limits in proportion to the load."""
         body, data = int(run.model.jnt_bodyid[self.joint]), run.data
         slide = run.model.jnt_type[self.joint] == mujoco.mjtJoint.mjJNT_SLIDE
         axis = run.model.jnt_axis[self.joint].copy()
 
-        def limits(now: Now) -> tuple[float, float]:
+        def limits(now: StepState) -> tuple[float, float]:
             mujoco.mj_rnePostConstraint(run.model, data)
             load = data.cfrc_int[body, 3:]
             if slide:
@@ -123,52 +123,53 @@ class LoadDependent(Mechanism):
 
 
 @dataclass(frozen=True)
-class Asymmetric(Mechanism):
-    """-forward where v > 0, +backward where v < 0."""
+class Asymmetric(CaseMechanism):
+    """Coulomb friction that depends on the direction: -forward where v > 0, +backward where v < 0."""
 
     id: ClassVar[str] = "asymmetric_friction"
     forward: float
     backward: float
 
-    def dry(self, run: Run) -> Dry:
-        """Constant in each direction."""
+    def dry_friction(self, run: Run) -> DryFriction:
+        """Limits of the two directions."""
         limits = self.forward, self.backward
         return lambda now: limits
 
     def comparable(self) -> dict[str, float]:
-        """Its torques."""
+        """The friction in each direction, N m or N."""
         return {"forward": self.forward, "backward": self.backward}
 
 
 @dataclass(frozen=True)
-class PositionDependent(Mechanism):
-    """-c (1 + share sin(q + phase)) sign v, with a share of at most one."""
+class PositionDependent(CaseMechanism):
+    """Friction -c (1 + share sin(q + phase)) sign v, with a share of at most one."""
 
     id: ClassVar[str] = "position_dependent_friction"
     c: float
     share: float
     phase: float
 
-    def dry(self, run: Run) -> Dry:
-        """Varies over a turn."""
+    def dry_friction(self, run: Run) -> DryFriction:
+        """Limits that vary over a turn."""
         j = self.joint
 
-        def limits(now: Now) -> tuple[float, float]:
+        def limits(now: StepState) -> tuple[float, float]:
             size = self.c * (1 + self.share * sin(now.q[j] + self.phase))
             return size, size
 
         return limits
 
     def comparable(self) -> dict[str, float]:
-        """Its mean torque."""
+        """The friction averaged over a turn, N m or N."""
         return {"c": self.c}
 
 
 @dataclass(frozen=True)
-class LuGre(Mechanism):
-    """Bristles (Canudas de Wit et al., 1995): zd = v - stiffness abs(v)/g(v) z, tau = -(stiffness z + damping zd).
+class LuGre(CaseMechanism):
+    """Friction of bristles (Canudas de Wit et al., 1995): tau = -(stiffness z + damping zd).
 
-    g(v) = c + (s - c) exp(-(v/vs)^2); z is integrated exactly for a speed that is constant over a step.
+    zd = v - stiffness abs(v)/g(v) z with g(v) = c + (s - c) exp(-(v/vs)^2); z is integrated exactly for a speed that is
+    constant over a step.
     """
 
     id: ClassVar[str] = "hysteretic_friction"
@@ -179,10 +180,10 @@ class LuGre(Mechanism):
     damping: float
 
     def force(self, run: Run) -> Force:
-        """From the mean deflection over the step."""
+        """The force of the mean deflection over the step."""
         j, z = self.joint, 0.0
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             nonlocal z
             v, h = now.v[j], now.h
             rate = self.stiffness * abs(v) / (self.c + (self.s - self.c) * exp(-((v / self.vs) ** 2)))

@@ -7,19 +7,20 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_control.benchmarks.blind.mechanism import Force, Mechanism, Motor, Now, Run
+from keycld_control.benchmarks.blind.mechanism import CaseMechanism, Force, Motor, Run, StepState
 
 SUBSTEPS = 4
+"""Steps of a hidden mass per step of the plant."""
 
 
 @dataclass(frozen=True)
-class _Outside(Mechanism):
+class _Outside(CaseMechanism):
     id: ClassVar[str] = "unknown"
     kind: ClassVar[str]
 
-    def numbers(self) -> dict[str, object]:
-        """With its kind."""
-        return {"kind": self.kind, **super().numbers()}
+    def parameters(self) -> dict[str, object]:
+        """All parameters by name, and the kind."""
+        return {"kind": self.kind, **super().parameters()}
 
 
 @dataclass(frozen=True)
@@ -32,10 +33,10 @@ class Magnet(_Outside):
     width: float
 
     def force(self, run: Run) -> Force:
-        """Inverse square of the distance, projected on the motion; nearly none a few widths away."""
+        """An inverse square of the distance, projected on the motion; nearly none a few widths away."""
         j, w2 = self.joint, self.width**2
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             x = now.q[j] - self.at
             now.f[j] -= self.f / 0.385 * x * w2 / (x * x + w2) ** 1.5
 
@@ -44,7 +45,7 @@ class Magnet(_Outside):
 
 @dataclass(frozen=True)
 class _AtTip(_Outside):
-    """Forces on a point of the joint's body, `reach` (m) along the link."""
+    """Physics that acts on a point of the joint's body, `reach` (m) along the link."""
 
     reach: float
 
@@ -67,9 +68,9 @@ class Wind(_AtTip):
     gust: float
 
     def force(self, run: Run) -> Force:
-        """In the world, not along the joint."""
+        """The drag in the world, as generalised forces."""
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             _, jacobian = self.point(run)
             relative = jacobian @ now.v
             relative[0] -= self.speed * (1 + 0.5 * sin(self.gust * now.t))
@@ -89,11 +90,11 @@ class Slosh(_AtTip):
     zeta: float
 
     def force(self, run: Run) -> Force:
-        """Reaction of the spring and the damper; the mass starts where its weight hangs."""
+        """The reaction of the spring and the damper; the mass starts where its weight hangs."""
         k, d = self.mass * self.w**2, 2 * self.zeta * self.w * self.mass
         place, speed, started = np.zeros(3), np.zeros(3), False
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             nonlocal place, speed, started
             anchor, jacobian = self.point(run)
             moving, h = jacobian @ now.v, now.h / SUBSTEPS
@@ -115,17 +116,17 @@ class Slosh(_AtTip):
 
 @dataclass(frozen=True)
 class SpeedLaw(_Outside):
-    """f (x^3 - x^5) with x = v/v0: drives below v0, brakes above, and is neither viscous, dry nor quadratic."""
+    """A force f (x^3 - x^5), x = v/v0, that drives below v0 and brakes above: not viscous, not dry, not quadratic."""
 
     kind: ClassVar[str] = "speed_law"
     f: float
     v0: float
 
     def force(self, run: Run) -> Force:
-        """Not conservative; bounded at 2 v0."""
+        """The force; faster than 2 v0 counts as 2 v0."""
         j = self.joint
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             x = min(max(now.v[j] / self.v0, -2.0), 2.0)
             now.f[j] += self.f * (x**3 - x**5)
 
@@ -141,7 +142,7 @@ class Efficiency(_Outside):
     n: float
 
     def motor(self, run: Run) -> Motor:
-        """Of position and command at once."""
+        """A command that depends on the position."""
         data, j = run.data, self.joint
         return lambda t, u: u * (1 + self.share * sin(self.n * float(data.qpos[j])))
 
@@ -155,10 +156,10 @@ class Relaxation(_Outside):
     tau: float
 
     def force(self, run: Run) -> Force:
-        """Exact for a constant speed over the step."""
+        """The force of the mean stretch, exact for a constant speed over the step."""
         j, stretch, keep = self.joint, 0.0, 0.0
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             nonlocal stretch, keep
             keep = exp(-now.h / self.tau)
             new = stretch * keep + now.v[j] * self.tau * (1 - keep)
@@ -170,16 +171,16 @@ class Relaxation(_Outside):
 
 @dataclass(frozen=True)
 class Cross(_Outside):
-    """The joint feels the other's speed: -c v of the other, without a reaction there."""
+    """A joint that feels the other's speed: -c v of the other, without a reaction there."""
 
     kind: ClassVar[str] = "cross_coupling"
     c: float
 
     def force(self, run: Run) -> Force:
-        """Neither conservative nor dissipative."""
+        """A force that is neither conservative nor dissipative."""
         j, other = self.joint, 1 - self.joint
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             now.f[j] -= self.c * now.v[other]
 
         return add
@@ -193,9 +194,9 @@ class Gyroscope(_Outside):
     c: float
 
     def force(self, run: Run) -> Force:
-        """Without power."""
+        """Forces without power."""
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             now.f[0] += self.c * now.v[1]
             now.f[1] -= self.c * now.v[0]
 
@@ -212,9 +213,9 @@ class Cable(_Outside):
     length: float
 
     def force(self, run: Run) -> Force:
-        """Pulls, never pushes."""
+        """Forces that pull and never push."""
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             pull = self.k * max(0.0, now.q[0] + self.ratio * now.q[1] - self.length)
             now.f[0] -= pull
             now.f[1] -= self.ratio * pull

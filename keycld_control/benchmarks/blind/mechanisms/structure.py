@@ -6,30 +6,30 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from keycld_control.benchmarks.blind.mechanism import Mechanism, Now, Run, Transmission
+from keycld_control.benchmarks.blind.mechanism import CaseMechanism, Run, StepState, Transmission
 
 SUBSTEPS = 4
-"""Of the rotor, per step of the plant."""
+"""Steps of the rotor per step of the plant."""
 
 
 @dataclass(frozen=True)
-class Rotor(Mechanism):
-    """Inertia i that turns with the joint: a rotor behind a gear."""
+class Rotor(CaseMechanism):
+    """An inertia i that turns with the joint: a rotor behind a gear."""
 
     id: ClassVar[str] = "added_inertia"
     i: float
 
     def edit(self, model: mujoco.MjModel) -> None:
-        """Only the joint's own acceleration feels it."""
+        """An armature, which only the joint's own acceleration feels."""
         model.dof_armature[self.joint] += self.i
 
     def comparable(self) -> dict[str, float]:
-        """Its inertia."""
+        """The inertia, kg m² or kg."""
         return {"i": self.i}
 
 
 @dataclass(frozen=True)
-class PointMass(Mechanism):
+class PointMass(CaseMechanism):
     """A mass (kg) fixed to the joint's body, `reach` (m) from the joint along the link."""
 
     id: ClassVar[str] = "added_inertia"
@@ -37,7 +37,7 @@ class PointMass(Mechanism):
     reach: float
 
     def edit(self, model: mujoco.MjModel) -> None:
-        """Mass, centre of mass, and inertia of both together."""
+        """Mass, centre of mass, and inertia of the body and the point mass together."""
         body = int(model.jnt_bodyid[self.joint])
         old, new = float(model.body_mass[body]), np.array([0.0, 0.0, self.reach])
         total, turn = old + self.mass, np.zeros(9)
@@ -54,17 +54,17 @@ class PointMass(Mechanism):
 
 
 @dataclass(frozen=True)
-class _Coupled(Mechanism):
+class _Coupled(CaseMechanism):
     """A rotor that the motor turns, with torques towards the joint that depend on the twist between the two."""
 
     rotor: float
 
     def twist_torque(self, twist: float, rate: float) -> float:
-        """On the joint, for how far and fast the rotor is ahead."""
+        """The torque on the joint, for how far and fast the rotor is ahead of it."""
         raise NotImplementedError
 
     def rest(self, torque: float) -> float:
-        """Twist under a constant torque."""
+        """The twist under a constant torque."""
         raise NotImplementedError
 
     def transmission(self, run: Run) -> Transmission:
@@ -72,7 +72,7 @@ class _Coupled(Mechanism):
         j, h = self.joint, 0.0
         angle = speed = None
 
-        def reach(now: Now, torque: float) -> float:
+        def reach(now: StepState, torque: float) -> float:
             nonlocal angle, speed, h
             h = now.h / SUBSTEPS
             q0 = now.q[j] - 0.5 * now.h * now.v[j] + 0.125 * now.h**2 * now.a[j]
@@ -95,28 +95,28 @@ class _Coupled(Mechanism):
 
 @dataclass(frozen=True)
 class Flexible(_Coupled):
-    """Rotor and joint joined by a spring k and a damper d."""
+    """A flexible joint: rotor and joint are joined by a spring k and a damper d."""
 
     id: ClassVar[str] = "joint_flexibility"
     k: float
     d: float
 
     def twist_torque(self, twist: float, rate: float) -> float:
-        """Linear."""
+        """The torque of the spring and the damper."""
         return self.k * twist + self.d * rate
 
     def rest(self, torque: float) -> float:
-        """Hooke's law."""
+        """The twist by Hooke's law."""
         return torque / self.k
 
     def comparable(self) -> dict[str, float]:
-        """Its stiffness."""
+        """The stiffness, N m/rad or N/m."""
         return {"k": self.k}
 
 
 @dataclass(frozen=True)
-class Backlash(_Coupled):
-    """Rotor and joint touch only where the twist exceeds half the play; contact is a spring k and a damper d."""
+class GearPlay(_Coupled):
+    """Backlash: rotor and joint touch where the twist exceeds half the play, over a spring k and a damper d."""
 
     id: ClassVar[str] = "backlash"
     half: float
@@ -124,12 +124,12 @@ class Backlash(_Coupled):
     d: float
 
     def twist_torque(self, twist: float, rate: float) -> float:
-        """Pushes, never pulls."""
+        """The torque of a contact that pushes and never pulls."""
         if abs(twist) <= self.half:
             return 0.0
         side = 1.0 if twist > 0 else -1.0
         return side * max(0.0, self.k * (abs(twist) - self.half) + self.d * side * rate)
 
     def rest(self, torque: float) -> float:
-        """On the side that the motor pushes."""
+        """The twist where the motor pushes against the play's side."""
         return torque / self.k + (self.half if torque > 0 else -self.half if torque < 0 else 0.0)

@@ -6,11 +6,12 @@ import mujoco
 import numpy as np
 
 WITHIN = 0.2
+"""Greatest relative error."""
 
 
 @dataclass(frozen=True)
-class Errors:
-    """Factors by body.
+class ParameterErrors:
+    """By how much masses and lengths of the plant differ from the simulator's: factors by body.
 
     Attributes:
         mass: of mass and inertia of each body that moves by a joint of its own, and of what is fixed to it.
@@ -38,15 +39,15 @@ class Errors:
                     model.body_pos[body] *= factor
 
 
-def draw_errors(model: mujoco.MjModel, rng: np.random.Generator) -> Errors:
-    """Uniform within 20 per cent, independent."""
+def draw_errors(model: mujoco.MjModel, rng: np.random.Generator) -> ParameterErrors:
+    """Independent factors, uniform within 20 per cent."""
     mass, length = {}, {}
     for joint in range(model.njnt):
         name = model.body(int(model.jnt_bodyid[joint])).name
         mass[name] = float(rng.uniform(1 - WITHIN, 1 + WITHIN))
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE:
             length[name] = float(rng.uniform(1 - WITHIN, 1 + WITHIN))
-    return Errors(mass, length)
+    return ParameterErrors(mass, length)
 
 
 def _fixed(model: mujoco.MjModel, top: int) -> set[int]:

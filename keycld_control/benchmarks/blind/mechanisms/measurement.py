@@ -1,46 +1,46 @@
-"""What sensors show, and what changes with time."""
+"""What sensors show, and parameters that change with time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from keycld_control.benchmarks.blind.mechanism import Array, Force, Mechanism, Motor, Now, Run
+from keycld_control.benchmarks.blind.mechanism import Array, CaseMechanism, Force, Motor, Run, StepState
 
 
 @dataclass(frozen=True)
-class Latency(Mechanism):
-    """y(t) = q(t - d), of all joints."""
+class Latency(CaseMechanism):
+    """Sensors of all joints that show the past, y(t) = q(t - d)."""
 
     id: ClassVar[str] = "sensor_latency"
     d: float
 
-    def seen(self, t: Array) -> Array:
-        """Earlier."""
+    def measured_times(self, t: Array) -> Array:
+        """Times that are earlier by the latency, s."""
         return t - self.d
 
     def comparable(self) -> dict[str, float]:
-        """Its time."""
+        """The latency, s."""
         return {"d": self.d}
 
 
 @dataclass(frozen=True)
-class Drift(Mechanism):
-    """y(t) = q((1 + epsilon) t), of all joints; commands keep true time."""
+class Drift(CaseMechanism):
+    """A clock of the sensors that is off, y(t) = q((1 + epsilon) t); commands keep true time."""
 
     id: ClassVar[str] = "clock_drift"
     epsilon: float
 
-    def seen(self, t: Array) -> Array:
-        """Stretched."""
+    def measured_times(self, t: Array) -> Array:
+        """Times of the motion by the clock, s."""
         return (1 + self.epsilon) * t
 
     def comparable(self) -> dict[str, float]:
-        """Its rate."""
+        """The relative error of the clock's rate."""
         return {"epsilon": self.epsilon}
 
 
 @dataclass(frozen=True)
-class Changing(Mechanism):
+class ChangingParameter(CaseMechanism):
     """A parameter that changes linearly with the time t since the start of every recording, which lasts T.
 
     kind "friction": -size t/T v, a bearing that stiffens. kind "gain": (1 - size t/T) u, a motor that warms up.
@@ -52,21 +52,21 @@ class Changing(Mechanism):
     size: float
 
     def force(self, run: Run) -> Force | None:
-        """Friction."""
+        """The friction, if it is what changes."""
         j, rate = self.joint, self.size / run.duration
 
-        def add(now: Now) -> None:
+        def add(now: StepState) -> None:
             now.f[j] -= rate * max(0.0, now.t) * now.v[j]
 
         return add if self.kind == "friction" else None
 
     def motor(self, run: Run) -> Motor | None:
-        """Gain."""
+        """The command times the gain, if it is what changes."""
         rate = self.size / run.duration
         return (lambda t, u: (1 - rate * max(0.0, t)) * u) if self.kind == "gain" else None
 
     def alter(self, run: Run) -> Callable[[float], None] | None:
-        """Mass."""
+        """Changes the body's mass, if it is what changes."""
         model, body, rate = run.model, int(run.model.jnt_bodyid[self.joint]), self.size / run.duration
         mass, inertia = float(model.body_mass[body]), model.body_inertia[body].copy()
 
