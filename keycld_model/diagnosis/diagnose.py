@@ -15,8 +15,8 @@ from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, split
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.observation import JointPositions, Observation
 from keycld_model.diagnosis.output.words import headline
-from keycld_model.diagnosis.search.search.criterion import Scored
-from keycld_model.diagnosis.search.search.explain import Explanation, explain_either, refit, refit_accurately
+from keycld_model.diagnosis.search.criterion import Scored
+from keycld_model.diagnosis.search.explain import Explanation, explain_either, refit, refit_accurately
 from keycld_model.diagnosis.simulation.contacts import without_contacts
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.decide import Conclusion, decide_on_named, decide_on_residual

@@ -13,7 +13,7 @@ import numpy as np
 
 from keycld_control.benchmarks.blind.case import TRAINING, SealedCase, Signals, recording
 from keycld_control.benchmarks.blind.mechanism import Array
-from keycld_control.benchmarks.refitting import Problem, Simulator, at_most, refit, windowed
+from keycld_control.benchmarks.refitting import JointPositions, Problem, Simulator, at_most, refit, windowed
 from keycld_model.diagnosis import Source
 
 Grade = Literal["hidden", "marginal", "clear"]
@@ -41,25 +41,25 @@ def gain(case: SealedCase, signals: Sequence[Signals]) -> float:
     simulator = _simulator(case.plan.system, 1 / case.rate / np.ceil(1 / case.rate / (STEP + 1e-4)))
     runs = enumerate(signals[:TRAINING])
     clean = [recording(case, run, replace(s, noise=np.broadcast_to(case.zero, s.true.shape))) for run, s in runs]
-    problem = windowed(simulator, clean, case.noise)
+    problem = windowed(simulator, clean, JointPositions(simulator.model, case.noise))
     few = _misfit(case, at_most(problem, FIRST_WINDOWS), iterations=8)
     return few if few > ENOUGH else _misfit(case, at_most(problem), iterations=15)
 
 
 def _misfit(case: SealedCase, problem: Problem, iterations: int) -> float:
     """Nats that a refit leaves unexplained."""
-    fit, true = refit(problem, (), iterations), _true_nuisances(case, problem.simulator)
+    fit, true = refit(problem, (), iterations), _true_nuisances(case, problem)
     prior = np.sum((fit.point.variant.values / problem.spreads) ** 2 - (true / problem.spreads) ** 2)
     return float(0.5 * (np.sum(problem.residual(fit.point) ** 2) + prior))
 
 
-def _true_nuisances(case: SealedCase, simulator: Simulator) -> Array:
-    """The values of the simulator's nuisances in this case, logarithms of factors and zeros in rad or m."""
-    model, errors = simulator.model, {"mass": case.errors.mass, "length": case.errors.length}
+def _true_nuisances(case: SealedCase, problem: Problem) -> Array:
+    """The values of the nuisances in this case, logarithms of factors and zeros in rad or m."""
+    model, errors = problem.simulator.model, {"mass": case.errors.mass, "length": case.errors.length}
     return np.array(
         [
             case.zero[n.index] if n.kind == "zero" else np.log(errors[n.kind][model.body(n.index).name])
-            for n in simulator.nuisances
+            for n in problem.nuisances
         ]
     )
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from keycld_control.benchmarks import refitting
 from keycld_control.benchmarks.real.gate import Curve
-from keycld_control.benchmarks.refitting import Simulator, Variant
+from keycld_control.benchmarks.refitting import JointPositions, Simulator, Variant
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis import Report
@@ -41,21 +41,37 @@ class HeldOutRollouts:
         return 1e3 * float(np.sqrt(np.nanmean((self.measured - self.predicted)[rows] ** 2)))
 
 
-def variant(report: Report, simulator: Simulator, *, findings: bool) -> Variant:
+@dataclass(frozen=True)
+class Rig:
+    """A simulator, and what is measured of its motion."""
+
+    simulator: Simulator
+    observation: JointPositions
+
+    @classmethod
+    def of(cls, report: Report, model: mujoco.MjModel) -> "Rig":
+        """With the integration step and the errors of sensors that a diagnosis chose."""
+        own = report.details["step_s"] == model.opt.timestep
+        noise = np.full(model.nv, SIGMA)
+        observation = JointPositions(model, noise, tracked=bool(report.details["tracked"]))
+        return cls(Simulator(model, None if own else float(report.details["step_s"])), observation)
+
+
+def variant(report: Report, rig: Rig, *, findings: bool) -> Variant:
     """The simulator with the nuisances of the report, and with or without its effects."""
     values = [
         float(np.log(value)) if nuisance.factor else value
-        for nuisance in simulator.nuisances
+        for nuisance in (*rig.simulator.nuisances, *rig.observation.nuisances)
         for value in [report.nuisance[nuisance.name].value]
     ]
     return Variant(np.array(values), report.evidence.effects if findings and report.evidence is not None else ())
 
 
-def roll(simulator: Simulator, simulated: Variant, recordings: Sequence[Recording], seconds: float) -> HeldOutRollouts:
+def roll(rig: Rig, simulated: Variant, recordings: Sequence[Recording], seconds: float) -> HeldOutRollouts:
     """Rollouts that follow recordings.
 
     Args:
-        simulator: of the mechanism.
+        rig: simulator and sensors.
         simulated: its nuisances and effects.
         recordings: to be followed.
         seconds: of each rollout, at most; a recording that is shorter is one rollout.
@@ -63,7 +79,7 @@ def roll(simulator: Simulator, simulated: Variant, recordings: Sequence[Recordin
     parts = []
     for index, recording in enumerate(map(refitting.thin, recordings)):
         samples = min(len(np.asarray(recording.t_state)), _samples(recording, seconds))
-        problem = refitting.windowed(simulator, [recording], _sigma(simulator), samples)
+        problem = refitting.windowed(rig.simulator, [recording], rig.observation, samples)
         predicted = refitting.predicted(refitting.refit_states(problem, simulated, 15))
         for w in range(len(problem.windows)):
             parts.append((index, problem.windows.time[w], problem.windows.measured[w], predicted[w]))
@@ -72,25 +88,19 @@ def roll(simulator: Simulator, simulated: Variant, recordings: Sequence[Recordin
     return HeldOutRollouts(np.array([part[0] for part in parts]), *(np.stack(c) for c in columns))
 
 
-def refit(simulator: Simulator, effects: Sequence[Effect], recordings: Sequence[Recording], seconds: float) -> Variant:
+def refit(rig: Rig, effects: Sequence[Effect], recordings: Sequence[Recording], seconds: float) -> Variant:
     """Nuisances and given effects fitted to long rollouts, for comparison with what a diagnosis found."""
     thinned = [refitting.thin(r) for r in recordings]
     samples = min(min(len(np.asarray(r.t_state)) for r in thinned), _samples(thinned[0], seconds))
-    problem = refitting.windowed(simulator, thinned, _sigma(simulator), samples)
+    problem = refitting.windowed(rig.simulator, thinned, rig.observation, samples)
     return refitting.refit(problem, effects, 25).point.variant
-
-
-def simulator_of(report: Report, model: mujoco.MjModel) -> Simulator:
-    """The simulator, with the integration step that a diagnosis chose."""
-    own = report.details["step_s"] == model.opt.timestep
-    return Simulator(model, None if own else report.details["step_s"], tracked=report.details["tracked"])
 
 
 def curves(report: Report, model: mujoco.MjModel, recordings: Sequence[Recording], seconds: float) -> list[Curve]:
     """The first rollout of each recording and joint, measured, refitted, corrected."""
-    simulator = simulator_of(report, model)
+    rig = Rig.of(report, model)
     rollouts = {
-        name: roll(simulator, variant(report, simulator, findings=added), recordings, seconds)
+        name: roll(rig, variant(report, rig, findings=added), recordings, seconds)
         for name, added in (("refitted", False), ("corrected", True))
     }
     out, first = [], rollouts["refitted"]
@@ -105,10 +115,6 @@ def curves(report: Report, model: mujoco.MjModel, recordings: Sequence[Recording
 
 def _samples(recording: Recording, seconds: float) -> int:
     return int(seconds / float(np.median(np.diff(np.asarray(recording.t_state))))) + 1
-
-
-def _sigma(simulator: Simulator) -> Array:
-    return np.full(simulator.model.nv, SIGMA)
 
 
 def _padded(array: Array, length: int) -> Array:

@@ -55,5 +55,5 @@ def _diagnose(
     report = diagnose(training, model, held_out, gate.tracked)
     seconds = round(time.perf_counter() - start, 1)
     if not held_out:
-        training, held_out = split(training)
+        training, held_out = split(training, model)
     return Diagnosed(model, tables, training, held_out, report, seconds)

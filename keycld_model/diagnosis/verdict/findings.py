@@ -11,8 +11,8 @@ from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.parameters import effect_parameters
 from keycld_model.diagnosis.estimation.pulses import joined
 from keycld_model.diagnosis.estimation.replay import mean_square
-from keycld_model.diagnosis.search.search.criterion import Scored, above_noise
-from keycld_model.diagnosis.search.search.search import Search
+from keycld_model.diagnosis.search.criterion import Scored, above_noise
+from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.verdict.region import shape_of
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, Unexplained
 from keycld_model.diagnosis.verdict.rivals import Rivals

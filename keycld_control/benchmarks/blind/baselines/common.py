@@ -7,10 +7,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from keycld_control.benchmarks import refitting
-from keycld_control.benchmarks.refitting import HORIZON, SAMPLES, Fit, Problem, Simulator, Variant
+from keycld_control.benchmarks.refitting import HORIZON, SAMPLES, Fit, JointPositions, Problem, Simulator, Variant
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
 
@@ -50,14 +49,14 @@ class Setup:
         return Simulator(self.model, refitting.accurate_step(self.training), threads=1)
 
     @cached_property
-    def sigma(self) -> NDArray[np.float64]:
-        """Standard deviation of the sensors' noise, `[nv]`, rad or m."""
-        return refitting.noise(self.training)
+    def observation(self) -> JointPositions:
+        """Joint positions, with the noise of their sensors."""
+        return JointPositions(self.model).calibrated(self.training)
 
     @cached_property
     def refitted(self) -> Fit:
         """The simulator with masses, lengths and zeros refitted, on the windows of the diagnosis."""
-        problem = refitting.windowed(self.simulator, self.training, self.sigma)
+        problem = refitting.windowed(self.simulator, self.training, self.observation)
         return refitting.refit(refitting.at_most(problem))
 
     @cached_property
@@ -65,13 +64,12 @@ class Setup:
         """Rollouts of held-out recordings, as long as those of the diagnosis."""
         shortest = min(len(np.asarray(r.t_state)) for r in self.held_out)
         samples = SAMPLES * max(1, min(HORIZON, shortest // SAMPLES))
-        return refitting.windowed(self.simulator, self.held_out, self.sigma, samples)
+        return refitting.windowed(self.simulator, self.held_out, self.observation, samples)
 
     def error(self, variant: Variant) -> float:
         """Root mean square of held-out rollouts with fitted initial states, mrad or mm."""
         fit = refitting.refit_states(self.long, variant, 12)
-        residual = self.long.residual(fit.point).reshape(self.long.windows.measured.shape)
-        return float(1e3 * np.sqrt(np.mean((residual * self.sigma) ** 2)))
+        return float(1e3 * np.sqrt(np.mean((fit.residual * self.observation.noise) ** 2)))
 
     def report(
         self, verdict: str, findings: list[dict[str, Any]], corrected: Variant, chi_square: float

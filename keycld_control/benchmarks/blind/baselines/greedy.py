@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 
 from keycld_control.benchmarks.blind.baselines.common import Setup, finding
-from keycld_control.benchmarks.refitting import Fit
+from keycld_control.benchmarks.refitting import Fit, minimise
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.search.hypotheses import hypotheses, seen
+from keycld_model.diagnosis.search.hypotheses import hypotheses, recorded_range
 from keycld_model.diagnosis.search.screening import promising
 
 LARGEST = 6
@@ -22,7 +22,7 @@ def greedy(training: Sequence[Recording], held_out: Sequence[Recording], model: 
     setup = Setup.of(training, held_out, model)
     best = setup.refitted
     while len(best.effects) < LARGEST and (effect := _next(best, model)) is not None:
-        longer = best.problem.minimise(best.point.with_effects(*best.effects, effect))
+        longer = minimise(best.problem, best.point.with_effects(*best.effects, effect))
         if _criterion(longer) >= _criterion(best):
             break
         best = longer
@@ -38,7 +38,7 @@ def _criterion(fit: Fit) -> float:
 def _next(fit: Fit, model: mujoco.MjModel) -> Effect | None:
     """What gains most by the linearisation, its numbers paid for; None if nothing does."""
     used = {e.key for e in fit.effects}
-    free = [h for h in hypotheses(model, seen(fit.problem.windows), ("external_pulse",)) if h.key not in used]
+    free = [h for h in hypotheses(model, recorded_range(fit.problem.windows)) if h.key not in used]
     best = next(promising(fit, free, {1: 1}), None)
     return None if best is None else best[-1]
 

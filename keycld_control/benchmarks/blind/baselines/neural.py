@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from keycld_control.benchmarks.blind.baselines.common import EXPLAINED, Setup, with_effects
 from keycld_control.benchmarks.blind.baselines.residual import Array, Law, LearntTorque, missing_torque
+from keycld_control.benchmarks.refitting import minimise
 from keycld_envs.recordings import Recording
 
 WIDTH, STEPS, EVERY = 32, 2000, 50
@@ -34,7 +35,7 @@ def neural(training: Sequence[Recording], held_out: Sequence[Recording], model: 
     corrected = with_effects(setup.refitted.point.variant, LearntTorque.of(law, runs))
     fit = setup.refitted
     verdict = "undetermined" if fit.chi_square > EXPLAINED else "no_mismatch"
-    after = fit.problem.minimise(fit.point.with_effects(*corrected.effects), 4, only_states=True)
+    after = minimise(fit.problem, fit.point.with_effects(*corrected.effects), 4, only_states=True)
     return setup.report(verdict, [], corrected, after.chi_square) | {
         "unexplained": {"significant": fit.chi_square > EXPLAINED}
     }

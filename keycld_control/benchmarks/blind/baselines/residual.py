@@ -45,7 +45,9 @@ def missing_torque(setup: Setup, recording: Recording) -> ResidualTorque:
     variant, simulator = setup.refitted.point.variant, setup.simulator
     model = simulator.compile(variant)
     data = mujoco.MjData(model)
-    zero = np.array([v for n, v in zip(simulator.nuisances, variant.values, strict=True) if n.kind == "zero"])
+    zero = np.array(
+        [v for n, v in zip(setup.refitted.problem.nuisances, variant.values, strict=True) if n.kind == "zero"]
+    )
     t, q = np.asarray(recording.t_state), np.asarray(recording.qpos) - zero
     grid = np.arange(t[0], t[-1], setup.spacing)
     q = np.stack([np.interp(grid, t[np.isfinite(y)], y[np.isfinite(y)]) for y in q.T], axis=1)

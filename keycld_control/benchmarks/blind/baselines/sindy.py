@@ -16,6 +16,7 @@ from keycld_control.benchmarks.blind.baselines.residual import (
     ResidualTorque,
     missing_torque,
 )
+from keycld_control.benchmarks.refitting import minimise
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 
@@ -78,7 +79,7 @@ def sindy(training: Sequence[Recording], held_out: Sequence[Recording], model: m
             one["parameters"] |= terms
     corrected = with_effects(setup.refitted.point.variant, LearntTorque.of(law, runs))
     problem = setup.refitted.problem
-    fit = problem.minimise(setup.refitted.point.with_effects(*corrected.effects), 4, only_states=True)
+    fit = minimise(problem, setup.refitted.point.with_effects(*corrected.effects), 4, only_states=True)
     return setup.report("mismatch" if named else "no_mismatch", list(named.values()), corrected, fit.chi_square)
 
 

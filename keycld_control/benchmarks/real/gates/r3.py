@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from keycld_control.benchmarks.real.gate import DataSplit, Diagnosed, Gate, Outcome, RecordingFile
-from keycld_control.benchmarks.real.replay import refit, roll, simulator_of, variant
+from keycld_control.benchmarks.real.replay import Rig, refit, roll, variant
 from keycld_control.benchmarks.real.rigs import RigidLink, pendulum
 from keycld_envs.effects import ViscousFriction
 from keycld_envs.recordings.importers import Columns, read_mat
@@ -37,10 +37,10 @@ def check(diagnoses: Mapping[str, Diagnosed]) -> Outcome:
     """The findings leave at most a third of the held-out error that viscous friction alone leaves."""
     diagnosed = diagnoses["diagnosis"]
     report, training, held_out = diagnosed.report, diagnosed.training, diagnosed.held_out
-    simulated = simulator_of(report, diagnosed.model)
-    opponent = refit(simulated, (ViscousFriction("hinge", 1e-4),), training, SECONDS)
-    viscous = roll(simulated, opponent, held_out, SECONDS)
-    found = roll(simulated, variant(report, simulated, findings=True), held_out, SECONDS)
+    rig = Rig.of(report, diagnosed.model)
+    opponent = refit(rig, (ViscousFriction("hinge", 1e-4),), training, SECONDS)
+    viscous = roll(rig, opponent, held_out, SECONDS)
+    found = roll(rig, variant(report, rig, findings=True), held_out, SECONDS)
     errors = {
         name: [round(rollouts.error(i), 2) for i in range(len(held_out))]
         for name, rollouts in {"viscous_only": viscous, "found": found}.items()
