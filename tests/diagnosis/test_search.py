@@ -10,7 +10,7 @@ import numpy as np
 from plants import recordings
 
 from keycld_envs import KeyCLDEnv
-from keycld_envs.effects import EFFECTS, ActuatorDelay, ActuatorLag, Backlash
+from keycld_envs.effects import EFFECTS, ActuatorDelay, ActuatorLag, Backlash, SensorLatency
 from keycld_model.diagnosis.estimation.fit import Problem
 from keycld_model.diagnosis.estimation.pulses import spiked
 from keycld_model.diagnosis.inputs.windows import cut
@@ -110,3 +110,20 @@ def test_no_effect_stands_twice_in_a_set():
             search._replace(best, effect)
     tried = [[e.key for e in call.args[0].variant.effects] for call in refine.call_args_list]
     assert tried and all(len(keys) == len(set(keys)) for keys in tried)
+
+
+def test_no_delay_of_motors_stands_in_for_sensors_that_are_ahead():
+    """A negative latency has no rival among delays: it was copied into one, beyond its bounds, which ended a search."""
+    ahead = []
+    for run in recordings("cartpole", 3, number=3, seconds=1.2):
+        assert run.qpos is not None and run.t_state is not None
+        ahead.append(replace(run, qpos=run.qpos[1:], t_state=run.t_state[:-1]))
+    simulator = Simulator(KeyCLDEnv("cartpole", obs_type="state").model, 0.01)
+    problem = Problem(simulator, cut(ahead, simulator.step, 40), np.full(2, 1e-3))
+    search = Search(problem, {kind.id for kind in EFFECTS.values()} - {"sensor_latency", "actuator_delay"})
+    best = search.run(problem.start(), [SensorLatency(d=-0.005)])
+    (effect,) = best.fit.effects
+    assert isinstance(effect, SensorLatency) and effect.d < -0.005
+    search.rivals(best)
+    delays = [e for s in search.found.values() for e in s.fit.effects if isinstance(e, ActuatorDelay)]
+    assert all(e.d >= 0 for e in delays)
