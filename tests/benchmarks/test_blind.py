@@ -1,7 +1,6 @@
-"""Making, running and scoring sealed cases."""
+"""Making and running sealed cases."""
 
 import ast
-import hashlib
 import json
 import shutil
 import tomllib
@@ -14,19 +13,18 @@ from keycld_control.benchmarks.blind import make as making
 from keycld_control.benchmarks.blind.case import HELD_OUT, MAX_SPEED, TRAINING, draw_case
 from keycld_control.benchmarks.blind.excite import LIMIT
 from keycld_control.benchmarks.blind.make import Settings, make
-from keycld_control.benchmarks.blind.match import CaseResult
 from keycld_control.benchmarks.blind.plan import MIX, Plan, mix, plan
 from keycld_control.benchmarks.blind.plant import CasePlant, PlantTrajectory
 from keycld_control.benchmarks.blind.run import run
-from keycld_control.benchmarks.blind.score import score
-from keycld_control.benchmarks.blind.sites import SITES, sites
+from keycld_control.benchmarks.blind.sites import SITES
 from keycld_control.benchmarks.blind.strengths import DRIVEN, LIBRARY
 from keycld_control.cli import main
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import read_dataset
 
 ROOT = Path(__file__).parents[2]
-SEED, CASES = 11, 2
+SEED, CASES = 197, 2
+"""Two pendulums, one of them released, the other driven: the cheapest cases."""
 
 
 @pytest.fixture(scope="module")
@@ -125,183 +123,53 @@ def test_no_run_is_faster_than_promised(monkeypatch):
 
 
 def method(training, held_out, model):
-    """Finds viscous friction everywhere, but cannot read the second case."""
-    if training[0].system.endswith("Acrobot-v0"):
-        raise ValueError("too many joints")
-    return {"verdict": "mismatch", "findings": []}
+    """Finds nothing in what is released, and fails on what is driven."""
+    if np.any(training[0].action):
+        raise ValueError("too hard")
+    return {"verdict": "no_mismatch", "findings": [], "fit": {"refitted": np.float64(np.nan)}}
 
 
 def test_a_run_records_failures_resumes_and_never_reads_answers(made, tmp_path, monkeypatch):
     out = tmp_path / "sealed"
     shutil.copytree(made, out)
     (out / "answers.json").unlink()
-    monkeypatch.syspath_prepend(str(Path(__file__).parent))
     shutil.copy(__file__, tmp_path / "probing.py")
     monkeypatch.syspath_prepend(str(tmp_path))
-    systems = [json.loads((out / "cases" / f"000{i}" / "case.json").read_text())["system"] for i in (1, 2)]
+    (out / "cases" / "0002" / "training" / "01" / "meta.json").write_text("damaged")
     result = run(out, "probing:method")
-    assert result["run"] == 2
-    assert result["failed"] == [f"000{i + 1}" for i, s in enumerate(systems) if s.endswith("Acrobot-v0")]
-    for i, system in enumerate(systems):
-        report = json.loads((out / "reports-probing.method" / f"000{i + 1}.json").read_text())
-        assert (report["failure"] == "ValueError: too many joints") == system.endswith("Acrobot-v0")
-        assert report["wall_s"] >= 0 and report["cpu_s"] >= 0
-    (out / "reports-probing.method" / "0001.json").unlink()
-    assert run(out, "probing:method")["run"] == 1
+    assert (result["run"], result["failed"]) == (2, ["0001", "0002"])
+    driven, damaged = (
+        json.loads((out / "reports-probing.method" / f"000{i}.json").read_text(), parse_constant=pytest.fail)
+        for i in (1, 2)
+    )
+    assert driven["failure"] == "ValueError: too hard" and driven["report"] is None
+    assert damaged["failure"].startswith("InputError: ")
+    assert min(one[key] for one in (driven, damaged) for key in ("wall_s", "cpu_s")) >= 0
+    shutil.copytree(made / "cases" / "0002", out / "cases" / "0002", dirs_exist_ok=True)
+    (out / "reports-probing.method" / "0002.json").unlink()
+    result = run(out, "probing:method")
+    assert (result["run"], result["failed"]) == (1, ["0001"])
+    released = json.loads((out / "reports-probing.method" / "0002.json").read_text(), parse_constant=pytest.fail)
+    assert released["report"] == {"verdict": "no_mismatch", "findings": [], "fit": {"refitted": None}}
     with pytest.raises(InputError, match="There is no method 'nonsense'"):
         run(out, "nonsense")
     with pytest.raises(InputError, match=r"manifest\.json is missing"):
         run(tmp_path / "nowhere")
 
 
-def test_a_ray_cluster_makes_the_same_cases_and_runs_them(made, tmp_path, capsys):
+def test_a_ray_cluster_makes_the_same_case_and_runs_it(tmp_path, capsys):
     ray = pytest.importorskip("ray")
-    out = str(tmp_path / "spread")
+    make(tmp_path / "here", Settings(SEED, 1))
+    out = str(tmp_path / "there")
     try:
-        assert main(["blind", "make", out, "--cases", str(CASES), "--seed", str(SEED), "--ray", "local"]) == 0
-        assert contents(Path(out)) == contents(made)
+        assert main(["blind", "make", out, "--cases", "1", "--seed", str(SEED), "--ray", "local"]) == 0
+        assert contents(Path(out)) == contents(tmp_path / "here")
         capsys.readouterr()
         assert main(["blind", "run", out, "--method", "refit", "--ray", "local", "--json"]) == 0
     finally:
         ray.shutdown()
     told = json.loads(capsys.readouterr().out)
-    assert told["run"] == CASES and told["failed"] == []
-
-
-def answer(case, category, truth=(), system="acrobot", **more):
-    truth = [
-        {
-            "effect": e,
-            "where": {"kind": k, "name": n},
-            "joint": sites(system)[0].name,
-            "parameters": {},
-            "comparable": c,
-        }
-        | {"gain_nats": nats, "grade": "clear" if nats > 10 else "hidden"}
-        for e, k, n, c, nats in truth
-    ]
-    about = {"case": case, "category": category, "system": system, "excitation": "open_loop", "grade": "clear"}
-    return about | {"truth": truth, "oracle": {"value": 1.0}, "moved": [2.0, 2.0]} | more
-
-
-def said(findings=(), verdict="mismatch", refitted=11.0, corrected=1.0, unexplained=False):
-    findings = [
-        {
-            "effect": e,
-            "where": {"kind": k, "name": n},
-            "rivals": [rival for rival, _, _ in r],
-            "rivals_where": [{"kind": kind, "name": name} for _, kind, name in r],
-            "parameters": p,
-        }
-        for e, k, n, r, p in findings
-    ]
-    fit = {"refitted": refitted, "corrected": corrected}
-    return {"verdict": verdict, "findings": findings, "fit": fit, "unexplained": {"significant": unexplained}}
-
-
-B = {"b": {"value": 0.1, "low": 0.09, "high": 0.12}}
-VISCOUS = ("viscous_friction", "joint", "elbow", {"b": 0.1}, 50.0)
-PULSE = ("external_pulse", "joint", "elbow", {}, 50.0)
-GAIN = ("actuator_gain", "actuator", "torque", {"k": 0.8}, 50.0)
-HAND_MADE = [
-    (answer("0001", "null"), said(verdict="no_mismatch", corrected=11.0)),
-    (answer("0002", "null"), said([("cogging", "joint", "elbow", [], {})], "undetermined")),
-    (answer("0003", "one", [VISCOUS]), said([("viscous_friction", "body", "lower_arm", [], B)])),
-    (answer("0004", "one", [VISCOUS]), said([("quadratic_drag", "joint", "elbow", [VISCOUS[:3]], {})])),
-    (
-        answer("0005", "one", [GAIN], "pendulum"),
-        said([("added_inertia", "joint", "hinge", [GAIN[:3]], {})]),
-    ),
-    (answer("0006", "one", [(*VISCOUS[:4], 2.0)]), said(verdict="no_mismatch", corrected=11.5)),
-    (
-        answer("0007", "two", [VISCOUS, PULSE]),
-        said([("external_pulse", "joint", "elbow", [], {}), ("viscous_friction", "joint", "elbow", [], B)]),
-    ),
-    (answer("0008", "two", [VISCOUS, PULSE]), said([("viscous_friction", "joint", "elbow", [], B)])),
-    (
-        answer("0009", "outside", [("unknown", "joint", "elbow", {}, 50.0)]),
-        said(verdict="undetermined", unexplained=True),
-    ),
-    (answer("0010", "outside", [("unknown", "joint", "elbow", {}, 50.0)]), None),
-]
-
-
-@pytest.fixture
-def hand_made(tmp_path):
-    content = json.dumps([a for a, _ in HAND_MADE]).encode()
-    (tmp_path / "answers.json").write_bytes(content)
-    manifest = {"schema": "keycld.blind/1", "generator": "1", "seed": 0, "cases": len(HAND_MADE), "mix": {"null": 2}}
-    manifest["answers_sha256"] = hashlib.sha256(content).hexdigest()
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    (tmp_path / "reports").mkdir()
-    for a, report in HAND_MADE:
-        result = {"case": a["case"], "wall_s": 2.0, "cpu_s": 3.0, "report": report}
-        result["failure"] = "ValueError: x" if report is None else None
-        (tmp_path / "reports" / f"{a['case']}.json").write_text(json.dumps(result))
-    return tmp_path
-
-
-def test_the_score_counts_what_the_contract_says(hand_made):
-    result = score(hand_made)["methods"]["diagnose"]
-    rows = {row["measure"]: row for row in result["rows"]}
-
-    def counted(measure):
-        return rows[measure]["hits"], rows[measure]["count"]
-
-    assert counted("false alarms on null cases") == (1, 2)
-    assert rows["false alarms on null cases"]["met"] is False
-    assert rows["false alarms on null cases"]["interval"] == pytest.approx((0.01258, 0.98742), abs=1e-4)
-    assert counted("one clear effect: name") == (1, 3)
-    assert counted("one clear effect: place") == (3, 3)
-    assert counted("one clear effect: name, counting rivals") == (3, 3)
-    assert counted("one clear effect: name, exact aliases left out") == (1, 2)
-    assert counted("two clear effects: both named and placed") == (1, 2)
-    assert rows["three clear effects: all named and placed"]["reached"] is None
-    assert rows["oracle recovery R, clear effects: median"]["reached"] == pytest.approx(1.0)
-    assert rows["oracle recovery R, clear effects: median"]["count"] == 3
-    assert counted("outside the library: says so") == (1, 2)
-    assert counted("indistinguishable: returns the set") == (1, 1)
-    assert rows["indistinguishable: mean size of the set"]["reached"] == 2
-    assert counted("coverage of the 90 % intervals") == (2, 2)
-    assert counted("corrected worse than refitted, held out") == (1, 9)
-    assert rows["seconds per case, longest"]["reached"] == 2.0
-    assert counted("failed with an error") == (1, 10)
-    assert result["confusion"]["viscous_friction"] == {"viscous_friction": 1, "quadratic_drag": 1, "nothing": 1}
-    assert [case["case"] for case in result["wrong"]] == ["0002", "0004", "0005", "0008", "0010"]
-    page = (hand_made / "score.md").read_text()
-    assert "| one clear effect: name | ≥ 0.98 | 0.333 (1/3, 0.008 to 0.906) ✗ |" in page
-    assert "quadratic_drag at elbow" in page
-
-
-def test_baselines_stand_side_by_side(hand_made, capsys):
-    shutil.copytree(hand_made / "reports", hand_made / "reports-refit")
-    assert main(["blind", "score", str(hand_made)]) == 0
-    assert "refit" in capsys.readouterr().out
-    assert "| measure | required | diagnose | refit |" in (hand_made / "score.md").read_text()
-    (hand_made / "reports-refit" / "0003.json").unlink()
-    with pytest.raises(InputError, match=r"reports-refit/0003\.json is missing or damaged; .*--method refit"):
-        score(hand_made)
-    methods = score(hand_made, partial=True)["methods"]
-    assert (methods["diagnose"]["cases"], methods["refit"]["cases"]) == (10, 9)
-    assert "1 cases have no report yet." in (hand_made / "score.md").read_text()
-
-
-def test_other_answers_than_the_sealed_ones_are_refused(hand_made, capsys):
-    path = hand_made / "answers.json"
-    path.write_bytes(path.read_bytes() + b"\n")
-    assert main(["blind", "score", str(hand_made)]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1
-    assert "answers_sha256" in captured.err
-    assert not (hand_made / "score.md").exists()
-
-
-def test_recovery_leaves_out_what_cannot_be_recovered():
-    result = {"report": said(refitted=1.02, corrected=1.0), "failure": None}
-    assert CaseResult(answer("1", "one", [VISCOUS]), result).recovery is None
-    result = {"report": said(refitted=9.0, corrected=5.0), "failure": None}
-    assert CaseResult(answer("1", "one", [VISCOUS]), result).recovery == pytest.approx(0.5)
-    assert CaseResult(answer("1", "two", [VISCOUS, PULSE]), result).recovery is None
+    assert told["run"] == 1 and told["failed"] == []
 
 
 def test_the_generator_imports_nothing_that_is_measured():

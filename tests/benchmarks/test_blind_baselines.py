@@ -12,7 +12,8 @@ from keycld_control.benchmarks.blind.plan import Plan
 from keycld_control.benchmarks.blind.plant import CasePlant
 from keycld_envs.systems import get_system
 
-B = 0.05
+B, USED = 0.05, 5
+"""Viscous friction, N m s, and number of training recordings."""
 
 
 @pytest.fixture(scope="module")
@@ -21,10 +22,10 @@ def case():
     drawn, _ = draw_case(Plan("null", "pendulum", "open_loop"), (1, 2))
     quiet = replace(drawn, noise=np.array([2e-4]), rate=100.0, jitter=False, mechanisms=(Viscous(0, -1, B),))
     assert isinstance(quiet.plant, CasePlant)
-    signals = quiet.simulate(range(TRAINING + 2))
+    signals = quiet.simulate(range(TRAINING - USED, TRAINING + 2))
     assert signals is not None
     recordings = [recording(quiet, run, s) for run, s in enumerate(signals)]
-    return recordings[:TRAINING], recordings[TRAINING:], get_system("pendulum").compile()
+    return recordings[:USED], recordings[USED:], get_system("pendulum").compile()
 
 
 @pytest.mark.slow
