@@ -128,7 +128,7 @@ def test_an_error_of_a_gate_is_not_hidden(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_every_gate_is_found_under_its_name() -> None:
-    assert list(GATES) == ["R1", "R2", "R3", "R4", "R6"]  # R5 is about pixels
+    assert {"R1", "R2", "R3", "R4", "R6"} <= GATES.keys()  # R5 is about pixels
     assert all(name == one.name and one.data for name, one in GATES.items())
 
 
