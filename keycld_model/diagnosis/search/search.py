@@ -1,6 +1,6 @@
 """Which effects explain what the refitted simulator cannot: sets of up to three, scored together, then refined."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +36,7 @@ class Search:
     def __init__(
         self,
         problem: Problem,
+        exclude: Iterable[str] = (),
         most_effects: int | None = None,
         gained: float = 0.0,
         restarts: bool = True,
@@ -45,6 +46,7 @@ class Search:
 
         Args:
             problem: what is to be explained.
+            exclude: ids of effects that are not looked for.
             most_effects: in a set; by default those of the criteria.
             gained: nats that were gained by what it starts with; they count for what is material.
             restarts: look for transmissions from many starts.
@@ -52,7 +54,7 @@ class Search:
         """
         self.problem, self.gained, self.restarts, self.refined = problem, gained, restarts, refined
         self.most_effects = problem.criteria.most_effects if most_effects is None else most_effects
-        self.hypotheses = hypotheses(problem.simulator.model, recorded_range(problem.windows))
+        self.hypotheses = hypotheses(problem.simulator.model, recorded_range(problem.windows), exclude)
         self.found: dict[Keys, Scored] = {}
         self.dispersion = 1.0
         self._nothing = np.inf
