@@ -74,6 +74,8 @@ def run(args: Args) -> int:
             except InputError as error:
                 print(f"keycld: There is no corrected.xml: {error}", file=sys.stderr)
         write_page(report, args.out / "report.html", source.environment, corrected)
+    for line in report.details.get("dropped", ()):
+        print(f"keycld: left out, because numbers ran away: {line}", file=sys.stderr)
     if args.json:
         print_result(report.to_dict(), as_json=True)
     else:

@@ -32,7 +32,6 @@ class Criteria:
         significant: standard deviations from which a deviation is no coincidence: of a mean square, from noise, and of
             a sample, which counts linearly from there on (Huber).
         pulse: nats that a pulse must gain: three parameters, and its time and joint were searched for.
-        pulse_joint: nats that pulses at a further joint must gain; short pulses at different joints look alike.
         pulse_windows: windows with the gain of a pulse that are no coincidence; of 75 null cases none had two.
         pulse_share: share of the windows that pulses may be in; where there are more, it is something else.
         idealised_share: share of the misfit that idealised forms leave, and flexible ones may mend: what pulses may
@@ -61,7 +60,6 @@ class Criteria:
     noise_uncertainty: float = 0.15
     significant: float = 4.0
     pulse: float = 20.0
-    pulse_joint: float = 60.0
     pulse_windows: int = 2
     pulse_share: float = 0.7
     idealised_share: float = 0.02

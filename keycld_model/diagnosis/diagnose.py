@@ -20,6 +20,7 @@ from keycld_model.diagnosis.search.explain import Explanation, explain_either, r
 from keycld_model.diagnosis.simulation.contacts import without_contacts
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.decide import Conclusion, decide_on_named, decide_on_residual
+from keycld_model.diagnosis.verdict.dropped import Dropped
 from keycld_model.diagnosis.verdict.evidence import evidence
 from keycld_model.diagnosis.verdict.findings import (
     calibrated,
@@ -65,33 +66,41 @@ def diagnose(
     bare = without_contacts(model, [*training, *test], observation)
     with progress("Diagnosing", total=100) as advance:
         explained = _explained(bare, training, observation, criteria, advance)
-        rivals = Rivals.of(explained)
-        fit = explained.on_all_windows
-        found = [*findings_of(explained.best, rivals, explained.search), *pulses_of(fit)]
-        advance(10, "testing on held-out recordings")
-        tested = HeldOut.of(test, explained.refitted)
-        before = tested.short(explained.refitted)
-        named = decide_on_named(explained, found, before, tested)
-        unexplained = unexplained_of(before, named.tested)
-        advance(5, "fitting a residual force")
-        concluded = decide_on_residual(named, explained, tested, unexplained)
-        advance(10, "proposing the next recording")
-        concluded, rollouts = _not_worse(concluded, explained, tested)
-        proposed = rivals.next_experiment(tested.samples, named.verdict == "undetermined") if named.findings else None
-        advance(5)
-    errors = _errors(observation, concluded, rollouts, tested)
-    refitted, final = explained.refitted, concluded.fit
+        report = _report(model, explained, test, advance)
+    return replace(report, details={**report.details, "tracked": tracked})
+
+
+def _report(
+    model: mujoco.MjModel, explained: Explanation, test: Sequence[Recording], advance: Callable[..., None]
+) -> Report:
+    """What held-out recordings say of what explains the others."""
+    refitted, dropped = explained.refitted, Dropped()
+    rivals = Rivals.of(explained, dropped)
+    found = [*findings_of(explained.best, rivals, explained.search), *pulses_of(explained.on_all_windows)]
+    advance(10, "testing on held-out recordings")
+    tested = HeldOut.of(test, refitted)
+    before = tested.short(refitted)
+    named = decide_on_named(explained, found, before, tested)
+    left = unexplained_of(before, named.tested)
+    advance(5, "fitting a residual force")
+    decided = dropped.tried("residual force", lambda: decide_on_residual(named, explained, tested, left))
+    advance(10, "proposing the next recording")
+    concluded, rollouts = _not_worse(decided or named, explained, tested)
+    nothing = named.verdict == "undetermined"
+    proposed = rivals.next_experiment(tested.samples, nothing) if named.findings else None
+    advance(5)
+    errors = _errors(concluded, rollouts, tested)
     return Report(
         verdict=concluded.verdict,
-        headline=headline(concluded.verdict, concluded.findings, errors, unexplained),
-        findings=calibrated(concluded.findings, unexplained),
-        nuisance=nuisance_of(final),
-        unexplained=unexplained,
+        headline=headline(concluded.verdict, concluded.findings, errors, left),
+        findings=calibrated(concluded.findings, left),
+        nuisance=nuisance_of(concluded.fit),
+        unexplained=left,
         fit=errors,
         held_out=[r.id for r in test],
         next_experiment=proposed,
-        details=_details(explained, concluded, tracked, rivals.dropped),
-        evidence=evidence(model, (refitted, final), (rollouts[1], rollouts[2])),
+        details=_details(explained, concluded, dropped),
+        evidence=evidence(model, (refitted, concluded.fit), (rollouts[1], rollouts[2])),
     )
 
 
@@ -162,17 +171,17 @@ def _not_worse(concluded: Conclusion, explained: Explanation, tested: HeldOut) -
     return concluded, rollouts
 
 
-def _errors(observation: Observation, concluded: Conclusion, rollouts: Sequence[Fit], tested: HeldOut) -> FitErrors:
+def _errors(concluded: Conclusion, rollouts: Sequence[Fit], tested: HeldOut) -> FitErrors:
     """Of long rollouts over held-out recordings, in thousandths."""
     limits = rollouts if concluded.ceiling is None else [*rollouts, tested.long(concluded.ceiling)]
     return FitErrors(
         f"root mean square of rollouts over {tested.seconds:.2g} s with fitted initial states",
-        error_unit(observation.units),
+        error_unit(tested.rollouts.windows.observation.units),
         *(round(1e3 * rollout_error(fit), 4) for fit in limits),
     )
 
 
-def _details(explained: Explanation, concluded: Conclusion, tracked: bool, dropped: Sequence[str]) -> dict[str, object]:
+def _details(explained: Explanation, concluded: Conclusion, dropped: Sequence[str]) -> dict[str, object]:
     """Numbers of the fits, JSON-compatible."""
     refitted = explained.refitted
     simulator = refitted.problem.simulator
@@ -184,7 +193,6 @@ def _details(explained: Explanation, concluded: Conclusion, tracked: bool, dropp
         "noise": refitted.problem.noise.tolist(),
         "windows": len(refitted.problem.windows),
         "step_s": simulator.step,
-        "tracked": tracked,
         "integrator": mujoco.mjtIntegrator(simulator.model.opt.integrator).name,
         "dropped": list(dropped),
     }

@@ -65,7 +65,7 @@ def report() -> Report:
     return Report(
         "mismatch", headline("mismatch", [finding], fit, left), [finding],
         {"mass of pole": Estimate(0.954, "1", 0.945, 0.963), "zero of hinge": Estimate(-5e-3, "rad", -6e-3, -4e-3)},
-        left, fit, ["run-0"], details={"temper": 1.0, "noise": [NOISE]},
+        left, fit, ["run-0"], details={"dispersion": 1.0, "noise": [NOISE]},
         evidence=Evidence(model, model, (missing,), np.array([NOISE]), tuple(rollouts), tuple(residuals)),
     )  # fmt: skip
 

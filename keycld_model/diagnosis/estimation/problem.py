@@ -18,8 +18,6 @@ from keycld_model.diagnosis.simulation.simulator import Simulator, usual_forces
 from keycld_model.diagnosis.simulation.variant import Variant, recording_spreads
 
 Array = NDArray[np.float64]
-DIVERGED = 1e5
-"""Standard deviations that a rollout which diverges is off, and any other at most."""
 
 
 @dataclass(frozen=True)
@@ -92,10 +90,11 @@ class Problem:
 
     def whiten(self, predicted: Array) -> Array:
         """Residuals `[..., W, r]` over noise, of predictions `[..., W, n, m]`."""
+        diverged = 1e5  # standard deviations that a rollout which diverges is off, and any other at most
         deviation = (self.windows.measured - predicted) / self.noise
-        deviation = np.where(np.isfinite(predicted), deviation, DIVERGED)
+        deviation = np.where(np.isfinite(predicted), deviation, diverged)
         deviation = np.where(np.isfinite(self.windows.measured), deviation, 0.0)
-        return np.clip(deviation, -DIVERGED, DIVERGED).reshape(*predicted.shape[:-2], -1)
+        return np.clip(deviation, -diverged, diverged).reshape(*predicted.shape[:-2], -1)
 
     def residual(self, *points: Point) -> Array:
         """Whitened residuals `[..., W, r]` of one or more points whose variants differ in offsets of rotors alone."""

@@ -50,8 +50,11 @@ def with_best_pulses(fit: Fit) -> Fit:
 
 
 def price(pulses: Sequence[Pulse], criteria: Criteria) -> float:
-    """Nats that pulses must gain together: each has a price, and so has each further joint."""
-    return criteria.pulse * len(pulses) + criteria.pulse_joint * max(0, len({p.dof for p in pulses}) - 1)
+    """Nats that pulses must gain together: each has a price.
+
+    A further joint costs as much as three, because short pulses at different joints look alike.
+    """
+    return criteria.pulse * len(pulses) + 3 * criteria.pulse * max(0, len({p.dof for p in pulses}) - 1)
 
 
 def with_pulses(fit: Fit, joints: Sequence[int] | None = None, only_states: bool = False) -> Fit:

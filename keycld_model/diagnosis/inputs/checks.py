@@ -10,9 +10,6 @@ from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.inputs.source import unnamed
 from keycld_model.diagnosis.observation import Observation
 
-SLOWEST = 0.5
-"""Seconds between samples, at most."""
-
 
 def check(recordings: Sequence[Recording], model: mujoco.MjModel, observation: Observation, samples: int) -> None:
     """Raise InputError with the recording and the remedy if recordings do not suit a model.
@@ -65,9 +62,9 @@ def _check_clocks(recording: Recording, who: str, samples: int) -> None:
     between = float(np.median(np.diff(t)))
     if not between > 0:
         raise InputError(f"{who} has a clock that stands still (t_state); record when each sample was taken.")
-    if between > SLOWEST:
+    if between > (slowest := 0.5):
         raise InputError(
-            f"{who} has a sample every {between:.3g} s; t_state must be in seconds, {SLOWEST} s apart at most."
+            f"{who} has a sample every {between:.3g} s; t_state must be in seconds, {slowest} s apart at most."
         )
     if recording.action is None or t_action is None or not len(t_action):
         return

@@ -12,8 +12,6 @@ from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.observation.protocol import Observation
 
 Array = NDArray[np.float64]
-LONGEST_PAUSE = 5.0
-"""Times its usual duration that a window may last; what is longer holds a pause."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +147,7 @@ def cut(recordings: Sequence[Recording], observation: Observation, step: float, 
         edges = origin + step * np.arange(grid + 1)
         commands.append(average_commands(recording, edges))
         speeds.append(_speeds(t, observation.positions(measured), (edges[1:] + edges[:-1]) / 2))
-        longest = LONGEST_PAUSE * samples * np.median(np.diff(t))
+        longest = 5 * samples * np.median(np.diff(t))  # what lasts longer holds a pause
         for i in range(first_sample(measured), len(t) - samples + 1, samples):
             first = _steps_before(t[i] - origin, step)
             piece = slice(i, i + samples)

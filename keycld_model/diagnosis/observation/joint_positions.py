@@ -13,8 +13,6 @@ from keycld_model.diagnosis.observation.noise import estimate_noise
 from keycld_model.diagnosis.observation.nuisance import Nuisance
 
 Array = NDArray[np.float64]
-FIRST_SAMPLES = 7
-"""Samples of a window that a parabola is fitted to for its initial state."""
 UNITS = {
     "hinge": {"zero": "rad", "squash": "rad", "skew": "rad", "shutter": "s"},
     "slide": {"zero": "m", "squash": "1", "skew": "1/m", "shutter": "s/m"},
@@ -85,10 +83,10 @@ class JointPositions:
         return measured
 
     def initial_state(self, time: Array, measured: Array) -> tuple[Array, Array]:
-        """From a parabola through the first samples of each joint."""
+        """From a parabola through the first seven samples of each joint."""
         q, v = np.zeros((2, measured.shape[1]))
         for j in range(measured.shape[1]):
-            good = np.flatnonzero(np.isfinite(measured[:, j]))[:FIRST_SAMPLES]
+            good = np.flatnonzero(np.isfinite(measured[:, j]))[:7]
             v[j], q[j] = np.polyfit(time[good], measured[good, j], 2 if len(good) > 3 else 1)[-2:]
         return q, v
 

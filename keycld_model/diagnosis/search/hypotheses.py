@@ -15,8 +15,6 @@ from keycld_model.diagnosis.estimation.linearisation import Linearisation
 from keycld_model.diagnosis.inputs.windows import Windows
 
 Array = NDArray[np.float64]
-NEARLY_LINEAR = 0.03
-"""Change of a channel, root mean square over a window, up to which an effect counts as linear, rad or m."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,8 @@ def _simulated(
     linear, residuals = fit.problem.linearise(fit.point, [(*fit.effects, probe) for *_, probe in probes])
     noise = np.tile(fit.problem.noise, linear.residual.shape[1] // len(fit.problem.noise))
     moved = np.max(np.sqrt(np.mean(((residuals - linear.residual) * noise) ** 2, axis=2)), axis=1)
-    amounts = np.clip(NEARLY_LINEAR / np.maximum(moved, 1e-12), 1e-4, 1.0)
+    nearly_linear = 0.03  # change of a channel, root mean square over a window, rad or m
+    amounts = np.clip(nearly_linear / np.maximum(moved, 1e-12), 1e-4, 1.0)
     again = [c for c, (h, _, _) in enumerate(probes) if amounts[c] < 1 and free[h].coefficients]
     if again:
         gentler = [free[probes[c][0]].probes(amounts[c])[probes[c][1]] for c in again]

@@ -1,18 +1,16 @@
 """What the data do not exclude in place of the findings, and the recording that would."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TypeVar
+from dataclasses import dataclass
+from functools import partial
 
 from keycld_envs.effects import Effect
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.search.alternatives import everywhere_rivals, rivals_of
 from keycld_model.diagnosis.search.criterion import Scored
 from keycld_model.diagnosis.search.explain import Explanation
+from keycld_model.diagnosis.verdict.dropped import Dropped
 from keycld_model.diagnosis.verdict.next_experiment import next_experiment
 from keycld_model.diagnosis.verdict.report import Experiment
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -22,32 +20,24 @@ class Rivals:
     Attributes:
         explained: by training recordings.
         sets: for each effect of the best set, those with another in its place.
-        dropped: what could not be compared, and why, a line each; findings do not depend on it.
+        dropped: what could not be compared; findings do not depend on it.
     """
 
     explained: Explanation
     sets: dict[tuple[str, str], list[Scored]]
-    dropped: list[str] = field(default_factory=list)
+    dropped: Dropped
 
     @classmethod
-    def of(cls, explained: Explanation) -> "Rivals":
+    def of(cls, explained: Explanation, dropped: Dropped) -> "Rivals":
         """Sets that the search found, and others that are tried now."""
         search, best = explained.search, explained.best
-        out = cls(explained, {effect.key: [] for effect in best.fit.effects})
+        out = cls(explained, {effect.key: [] for effect in best.fit.effects}, dropped)
         for effect in best.fit.effects:
             name = f"rivals of {effect.id} at {effect.where}"
-            out.sets[effect.key] += out._tried(name, lambda e=effect: rivals_of(search, best, e)) or []
-        for key, scored in (out._tried("rivals everywhere", lambda: everywhere_rivals(search, best)) or {}).items():
+            out.sets[effect.key] += dropped.tried(name, partial(rivals_of, search, best, effect)) or []
+        for key, scored in (dropped.tried("rivals everywhere", partial(everywhere_rivals, search, best)) or {}).items():
             out.sets[key].append(scored)
         return out
-
-    def _tried(self, name: str, compare: Callable[[], T]) -> T | None:
-        """A comparison; None, with a line in `dropped`, if numbers run away in it."""
-        try:
-            return compare()
-        except (ValueError, ArithmeticError) as error:
-            self.dropped.append(f"{name}: {error}")
-            return None
 
     def others(self, effect: Effect) -> set[tuple[str, str, str]]:
         """Id, kind and place of effects that are not excluded in one's place."""
@@ -64,7 +54,7 @@ class Rivals:
         if not doubts:
             return None
         best = self.explained.best.fit
-        return self._tried("next experiment", lambda: next_experiment(best, doubts, samples))
+        return self.dropped.tried("next experiment", partial(next_experiment, best, doubts, samples))
 
     def _doubts(self, nothing: bool) -> list[tuple[str, Fit]]:
         """Rivals of the best set by name, and the refitted simulator if `nothing` may be missing."""

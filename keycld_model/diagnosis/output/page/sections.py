@@ -24,7 +24,8 @@ DETAILS = {
     "gain_nats": "log-likelihood gained, nats",
     "held_out_gain_nats": "log-likelihood gained on held-out recordings, nats",
     "chi_square": "mean square of whitened residuals",
-    "temper": "dispersion factor",
+    "dispersion": "dispersion factor",
+    "dropped": "left out, because numbers ran away",
     "noise": "noise of the sensors, rad or m",
     "step_s": "time step, s",
 }
