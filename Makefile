@@ -1,5 +1,5 @@
 # make demo     swing up the reference systems from pixels; table and clips
-# make test     all tests
+# make test     all tests;  make test-fast: those of the inner loop, without whole diagnoses, trainings and frames
 # make lint     ruff;  make types: pyright;  make layers: import layers;  make docs: strict documentation
 # make weights  collect data and train the shipped weights anew
 # make bench    print every measured figure
@@ -10,7 +10,7 @@ SEED := 0
 DATA_SEED := 1
 DEBIAN := Debian, Ubuntu: apt-get install python3-venv libegl1 libgl1-mesa-dri
 
-.PHONY: demo test lint types layers docs weights bench libraries opengl clean
+.PHONY: demo test test-fast lint types layers docs weights bench libraries opengl clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -18,7 +18,10 @@ demo: libraries .venv/.keycld opengl
 	$(BIN)/keycld demo
 
 test: libraries .venv/.keycld-dev opengl
-	$(BIN)/python -m pytest -n 2 --dist loadfile # by file: examples of a document build on each other
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
+
+test-fast: libraries .venv/.keycld-dev opengl
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m 'not slow and not render' tests
 
 lint: .venv/.keycld-dev
 	$(BIN)/ruff check .

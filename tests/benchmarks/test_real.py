@@ -14,8 +14,8 @@ from keycld_control.benchmarks.real import GATES, Curve, GateResult, dfki
 from keycld_control.benchmarks.real.gate import DataSplit, Gate, Outcome
 from keycld_control.benchmarks.real.gates import r1, r3
 from keycld_control.benchmarks.real.plots import write_page
-from keycld_control.benchmarks.real.replay import refit, roll
-from keycld_control.benchmarks.refitting import Simulator
+from keycld_control.benchmarks.real.replay import SIGMA, Rig, refit, roll
+from keycld_control.benchmarks.refitting import JointPositions, Simulator
 from keycld_control.cli import main
 from keycld_envs.effects import CoulombFriction, QuadraticDrag, ViscousFriction
 from keycld_envs.recordings import Recording
@@ -170,14 +170,15 @@ def test_recordings_are_what_the_documentation_says(case: str) -> None:
 def test_two_dissipation_terms_together_explain_what_either_makes_worse(case: str) -> None:
     """The figures of gate R3: viscous friction alone leaves 6.5 and 16.3 mrad."""
     training, held_out = recordings("R3")
-    simulator = Simulator(r3.simulator(), 0.009)
+    model = r3.simulator()
+    rig = Rig(Simulator(model, 0.009), JointPositions(model, np.full(1, SIGMA)))
     hinge, errors = "hinge", {}
     for name, effects in {
         "viscous": (ViscousFriction(hinge, 1e-4),),
         "coulomb and drag": (CoulombFriction(hinge, 3e-4), QuadraticDrag(hinge, 1e-5)),
     }.items():
-        fitted = refit(simulator, effects, training, r3.SECONDS)
-        rollouts = roll(simulator, fitted, held_out, r3.SECONDS)
+        fitted = refit(rig, effects, training, r3.SECONDS)
+        rollouts = roll(rig, fitted, held_out, r3.SECONDS)
         errors[name] = [rollouts.error(i) for i in range(2)]
     assert errors["viscous"] == [pytest.approx(6.5, abs=0.5), pytest.approx(16.3, abs=0.5)]
     assert max(np.array(errors["coulomb and drag"]) / errors["viscous"]) < 0.6

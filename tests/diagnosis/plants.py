@@ -1,12 +1,16 @@
 """Recordings of mechanisms with known missing physics, injected by code that shares nothing with the effects."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
 
 from keycld_envs.recordings import Recording
 from keycld_envs.systems import get_system
+from keycld_model.diagnosis.estimation.problem import Problem
+from keycld_model.diagnosis.inputs.windows import Windows, cut
+from keycld_model.diagnosis.observation import JointPositions
+from keycld_model.diagnosis.simulation.simulator import Simulator
 
 STEP, SAMPLE = 0.001, 0.01
 NOISE = 1e-3
@@ -71,3 +75,15 @@ def recordings(
             )
         )
     return out
+
+
+def windows_of(
+    runs: Sequence[Recording], model: mujoco.MjModel, step: float = 0.01, samples: int = 40, noise: float = NOISE
+) -> Windows:
+    """Runs in windows, their sensors' noise known."""
+    return cut(runs, JointPositions(model, np.full(model.nv, noise)), step, samples)
+
+
+def problem_of(simulator: Simulator, runs: Sequence[Recording], noise: float = NOISE, samples: int = 40) -> Problem:
+    """Runs to be explained by a simulator."""
+    return Problem(simulator, windows_of(runs, simulator.model, simulator.step, samples, noise))

@@ -4,20 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants import recordings
+from plants import problem_of, recordings, windows_of
 
 from keycld_envs.effects import ActuatorDelay, ClockDrift, ExternalPeriodic, FrictionDrift, GainDrift, SensorLatency
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.simulation.variant import Variant
 
 
 def simulated(runs, *effects, start=None, samples=40):
     simulator = Simulator(get_system("pendulum").compile(), 0.01)
-    windows = cut(runs, 0.01, samples)
-    states = [x[None] for x in start or windows.initial_states()]
-    variant = Variant(np.zeros(len(simulator.nuisances)), effects)
-    return windows, simulator.simulate([variant], np.zeros(1, int), windows, *states)[0]
+    problem = problem_of(simulator, runs, samples=samples)
+    states = [x[None] for x in start or problem.windows.initial_states()]
+    variant = Variant(np.zeros(len(problem.nuisances)), effects)
+    return problem.windows, problem.predict([variant], np.zeros(1, int), *states)[0]
 
 
 @pytest.fixture(scope="module")
@@ -28,14 +28,14 @@ def runs():
 def test_drifts_and_phases_count_from_the_start_of_a_recording(runs):
     effects = FrictionDrift("hinge", r=0.05), GainDrift("torque", r=0.2), ExternalPeriodic("hinge", a=0.1, b=0.05, w=5)
     later = [replace(r, t_state=r.t_state + 1.7e9, t_action=r.t_action + 1.7e9) for r in runs]
-    start = cut(runs, 0.01, 40).initial_states()
+    start = windows_of(runs, get_system("pendulum").compile()).initial_states()
     _, early = simulated(runs, *effects, start=start)
     _, late = simulated(later, *effects, start=start)
     np.testing.assert_allclose(late, early, atol=1e-5)  # clocks of that age tell 2e-7 s
 
 
 def test_late_positions_of_one_motor_are_positions_of_a_late_motor(runs):
-    start = cut(runs, 0.01, 40).initial_states()
+    start = windows_of(runs, get_system("pendulum").compile()).initial_states()
     _, sensor = simulated(runs, SensorLatency(d=0.033), start=start)
     _, motor = simulated(runs, ActuatorDelay("torque", d=0.033), start=start)
     np.testing.assert_allclose(sensor, motor, atol=1e-12)
@@ -61,7 +61,7 @@ def test_windows_of_a_drifting_clock_get_the_commands_of_their_own_time(runs):
         whole,
         *(x[None] for x in whole.initial_states()),
     )
-    windows = cut(runs, 0.01, 40)
+    windows = windows_of(runs, simulator.model)
     at = np.flatnonzero(windows.first == 40)
     from_start = np.flatnonzero(whole.first == 0)
     q, v = windows.initial_states()

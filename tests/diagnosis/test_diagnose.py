@@ -6,7 +6,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from plants import recordings
+from plants import problem_of, recordings
 
 from keycld_control.cli import main
 from keycld_envs import KeyCLDEnv
@@ -15,11 +15,11 @@ from keycld_envs.errors import InputError
 from keycld_envs.recordings import write_recording
 from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
 from keycld_model.diagnosis import Source, diagnose
-from keycld_model.diagnosis.diagnose import coarseness
-from keycld_model.diagnosis.estimation.fit import Fit, Problem
+from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.inputs.checks import check
-from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.observation import JointPositions
 from keycld_model.diagnosis.output.words import in_sentence
+from keycld_model.diagnosis.search.explain import coarseness
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
 ELBOW = np.array([0.0, 1.0])
@@ -41,6 +41,7 @@ MISSING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("system", REFERENCE_SYSTEMS)
 def test_no_alarm_where_only_masses_and_encoder_zeros_are_off(system):
     report = diagnose(recordings(system, seed=1), get_system(system).compile())
@@ -49,6 +50,7 @@ def test_no_alarm_where_only_masses_and_encoder_zeros_are_off(system):
     assert report.fit.refitted < 0.5 * report.fit.nominal
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effects, verdict", [((), "no_mismatch"), ((ViscousFriction("hinge", b=0.1),), "mismatch")])
 def test_a_simulation_is_compared_with_itself_integrator_and_all(effects, verdict):
     """The pendulum's Euler steps of 0.02 s are far from the truth, but they are what both do."""
@@ -73,6 +75,7 @@ def test_a_simulation_is_compared_with_itself_integrator_and_all(effects, verdic
     assert report.details["integrator"] == "mjINT_EULER"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", MISSING)
 def test_one_effect_is_named_placed_and_measured(effect):
     system, missing, place, values = MISSING[effect]
@@ -90,6 +93,7 @@ def test_one_effect_is_named_placed_and_measured(effect):
     assert json.loads(json.dumps(report.to_dict()))["schema"] == "keycld.diagnosis/1"
 
 
+@pytest.mark.slow
 def test_two_effects_at_once_and_the_masses_of_an_arm_of_ones_own(tmp_path):
     """The command line, with an MJCF file of three links, which is no system of ours."""
     mjcf = tmp_path / "arm.xml"
@@ -153,13 +157,13 @@ def test_two_effects_at_once_and_the_masses_of_an_arm_of_ones_own(tmp_path):
 def test_steps_are_too_coarse_where_commands_jump_within_them():
     runs = recordings("pendulum", 4, number=3, seconds=1.0)
     simulator = Simulator(get_system("pendulum").compile(), 0.01)
-    problem = Problem(simulator, cut(runs, 0.01, 40), np.full(1, 1e-5))
+    problem = problem_of(simulator, runs, 1e-5)
     start = problem.start()
     fits = [
         Fit(problem, start.with_effects(*effects), 0.0, np.eye(0))
         for effects in ((), (ActuatorDelay("torque", d=0.02),), (ActuatorDelay("torque", d=0.025),))
     ]
-    on_the_grid, late_by_steps, within_a_step = (coarseness(fit, runs) for fit in fits)
+    on_the_grid, late_by_steps, within_a_step = (coarseness(fit) for fit in fits)
     assert max(on_the_grid, late_by_steps) < 0.1 * within_a_step and within_a_step > 10
 
 
@@ -172,7 +176,7 @@ def test_what_has_no_name_in_a_file_gets_one_and_a_model_without_names_is_refuse
     model = Source.of_file(path).model
     assert (model.body(1).name, model.joint(0).name, model.actuator(0).name) == ("body_1", "hinge", "actuator_0")
     runs = [replace(r, actuator_names=("actuator_0",)) for r in recordings("pendulum", 0, number=2, seconds=0.5)]
-    check(runs, model)
+    check(runs, model, JointPositions(model), 40)
     with pytest.raises(InputError, match=r"body 1 has no name.*Source\.of_file"):
         diagnose(runs, mujoco.MjModel.from_xml_path(str(path)))
 

@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants import recordings
+from plants import problem_of, recordings, windows_of
 
 from keycld_envs.effects import ActuatorSaturation, EndStop
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.estimation.fit import Problem
-from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.diagnosis.search.hypotheses import columns, hypotheses, seen
+from keycld_model.diagnosis.estimation.gauss_newton import minimise
+from keycld_model.diagnosis.search.hypotheses import columns, hypotheses, recorded_range
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
 SMOOTH = {"constant_force", "spring", "external_periodic", "cogging", "base_motion", "parameter_drift"}
@@ -18,20 +17,18 @@ SMOOTH = {"constant_force", "spring", "external_periodic", "cogging", "base_moti
 
 def test_steps_may_be_longer_than_parts_of_a_window():
     model = get_system("pendulum").compile()
-    windows = cut(recordings("pendulum", seed=3, number=2, seconds=1.0), 0.05, 30)
-    problem = Problem(Simulator(model, 0.05), windows, np.full(model.nv, 1e-3))
-    fit = problem.minimise(problem.start(), 2)
-    assert windows.steps < 16
-    assert np.isfinite(columns(fit, hypotheses(model, seen(fit.problem.windows)))[1]).all()
+    problem = problem_of(Simulator(model, 0.05), recordings("pendulum", seed=3, number=2, seconds=1.0), samples=30)
+    fit = minimise(problem, problem.start(), 2)
+    assert problem.windows.steps < 16
+    assert np.isfinite(columns(fit, hypotheses(model, recorded_range(fit.problem.windows)))[1]).all()
 
 
 @pytest.mark.parametrize("system", ["pendulum", "acrobot"])
 def test_the_force_along_the_motion_tells_what_simulations_with_little_of_an_effect_do(system):
     model = get_system(system).compile()
-    windows = cut(recordings(system, seed=3, number=3), 0.01, 30)
-    problem = Problem(Simulator(model, 0.01), windows, np.full(model.nv, 1e-3))
-    fit = problem.minimise(problem.start())
-    free = [h for h in hypotheses(model, seen(fit.problem.windows)) if h.effect.id in SMOOTH]
+    problem = problem_of(Simulator(model, 0.01), recordings(system, seed=3, number=3), samples=30)
+    fit = minimise(problem, problem.start())
+    free = [h for h in hypotheses(model, recorded_range(fit.problem.windows)) if h.effect.id in SMOOTH]
     linear, predicted, members = columns(fit, free)
     assert {h.effect.id for h in free if h.pushes} == SMOOTH
     for hypothesis, own in zip(free, members, strict=True):
@@ -47,10 +44,10 @@ def test_the_force_along_the_motion_tells_what_simulations_with_little_of_an_eff
 def test_searches_start_within_what_recordings_show():
     """Limits of motors among the commands, stops where the joint was."""
     model = get_system("cartpole").compile()
-    windows = cut(recordings("cartpole", 0, number=3, seconds=1.0), 0.01, 20)
-    shown = seen(windows)
+    windows = windows_of(recordings("cartpole", 0, number=3, seconds=1.0), model, samples=20)
+    shown = recorded_range(windows)
     small = replace(windows, commands=tuple(0.01 * u for u in windows.commands))
-    for scale, where in ((1.0, shown), (0.01, seen(small))):
+    for scale, where in ((1.0, shown), (0.01, recorded_range(small))):
         limits = [h.effect for h in hypotheses(model, where) if isinstance(h.effect, ActuatorSaturation)]
         most = max(np.abs(u).max() for u in windows.commands) * scale
         assert len(limits) == 12 and all(0.05 * most < effect.s < most for effect in limits)

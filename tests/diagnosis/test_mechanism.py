@@ -6,14 +6,14 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from plants import recordings
+from plants import problem_of, recordings, windows_of
 
 from keycld_envs.effects import EFFECTS, Effect
 from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.effects.places import add_friction
 from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
-from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.simulation.variant import Variant
 from keycld_model.rigid_body.compiled import CompiledEngine
 from keycld_model.rigid_body.effects import AppliedEffects
 from keycld_model.rigid_body.engine import Copies, MujocoEngine
@@ -183,9 +183,9 @@ DRY = {
 def test_effects_push_in_compiled_steps_as_they_do_step_by_step(name):
     model = get_system(name).compile()
     model.jnt_limited[:] = 0
-    windows = cut(recordings(name, seed=3, number=2), 0.01, 40)
-    compiled, by_hand = Simulator(model, 0.01), Simulator(model, 0.01, compiled=False)
-    state = [x[None] for x in windows.initial_states()]
+    runs = recordings(name, seed=3, number=2)
+    compiled, by_hand = (problem_of(Simulator(model, 0.01, compiled=fast), runs) for fast in (True, False))
+    state = [x[None] for x in compiled.windows.initial_states()]
     used = set()
     for file, kind in EFFECTS.items():
         if not kind.searched:
@@ -195,7 +195,7 @@ def test_effects_push_in_compiled_steps_as_they_do_step_by_step(name):
                 continue
             used.add(file)
             variant, which = [Variant(np.zeros(len(compiled.nuisances)), (effect,))], np.zeros(1, int)
-            path, true = (s.simulate(variant, which, windows, *state) for s in (compiled, by_hand))
+            path, true = (p.predict(variant, which, *state) for p in (compiled, by_hand))
             close = 2e-4 if file in ("base_motion", "mass_drift") else 1e-9  # not held over steps
             np.testing.assert_allclose(path, true, atol=close, err_msg=str(effect))
     assert len(used) >= 12
@@ -210,7 +210,8 @@ def test_dry_friction_of_effects_is_the_models_own_in_every_step(file):
     effect = replace(present(EFFECTS[file]("hinge_1")), **DRY[file])
     still, moving = np.array([[0.0, np.pi + 0.01]]), np.array([[0.2, 2.0]])
     runs = recordings("cartpole", seed=3, number=1)
-    windows = cut([replace(run, action=np.zeros_like(run.action)) for run in runs], 0.002, 40).take(np.zeros(2, int))
+    still_runs = [replace(run, action=np.zeros_like(run.action)) for run in runs]
+    windows = windows_of(still_runs, model, 0.002).take(np.zeros(2, int))
     state = np.concatenate([still, moving]), np.array([[0.0, 0.0], [0.0, -1.5]])
     variant, which = [Variant(np.zeros(len(simulator.nuisances)), (effect,))], np.zeros(1, int)
     path, speed, _ = simulator.roll(variant, which, windows, *(x[None] for x in state))

@@ -5,13 +5,13 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from plants import recordings
+from plants import problem_of, recordings, windows_of
 
 from keycld_envs.effects import ConstantForce, Spring
 from keycld_envs.recordings import Recording
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.estimation.fit import Fit, Problem
-from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.output.words import experiment
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.next_experiment import FASTEST, next_experiment
@@ -41,32 +41,32 @@ def swings() -> list[Recording]:
 @pytest.fixture(scope="module")
 def fits(swings) -> tuple[Fit, Fit]:
     simulator = Simulator(get_system("pendulum").compile(), 0.01)
-    problem = Problem(simulator, cut(swings, 0.01, 40), np.full(1, 1e-3))
+    problem = problem_of(simulator, swings)
     start = problem.start()
     spring, force = Spring("hinge", k=STIFFNESS, f=2.5 * STIFFNESS), ConstantForce("hinge", f=-0.2)
-    return problem.minimise(start.with_effects(spring)), problem.minimise(start.with_effects(force))
+    return minimise(problem, start.with_effects(spring)), minimise(problem, start.with_effects(force))
 
 
 def test_a_spring_is_told_from_a_force_by_a_motion_that_tells_them(swings, fits):
     spring, force = fits
-    proposed = next_experiment(spring, [("constant_force", force)], swings, 80)
+    proposed = next_experiment(spring, [("constant_force", force)], 80)
     assert proposed is not None and proposed.decisive and proposed.against == ["constant_force"]
-    model, window = spring.problem.simulator, swings[0]
+    simulator, window = spring.problem.simulator, swings[0]
     start = np.array([proposed.start["hinge"]])
     assert abs(start[0] - np.pi) > 0.2 or "drive" in proposed.action
     if proposed.where["kind"] == "joint":  # done for real, the rival leaves as much as was said, within the noise
         still = replace(window, t_state=0.01 * np.arange(80), qpos=np.repeat(start[None], 80, axis=0))
-        windows, which = cut([still], 0.01, 80), np.zeros(1, dtype=np.int64)
         q, v = start[None], np.zeros((1, 1))
-        motion = model.simulate([spring.point.variant], which, windows, q[None], v[None])[0]
-        made = Problem(model, replace(windows, measured=motion), spring.problem.noise)
-        costs = [made.minimise(replace(f.point, q=q, v=v), only_states=True).cost for f in fits]
+        made = replace(spring.problem, windows=windows_of([still], simulator.model, samples=80))
+        motion = made.predicted(replace(spring.point, q=q, v=v))
+        made = replace(made, windows=replace(made.windows, measured=motion))
+        costs = [minimise(made, replace(f.point, q=q, v=v), only_states=True).cost for f in fits]
         assert costs[1] - costs[0] >= 0.5 * proposed.nats
         assert np.abs(np.diff(motion[0], axis=0) / 0.01).max() < FASTEST
 
 
 def test_of_the_same_nothing_is_told_apart_and_the_words_say_so(swings, fits):
-    proposed = next_experiment(fits[0], [("spring", fits[0])], swings, 80)
+    proposed = next_experiment(fits[0], [("spring", fits[0])], 80)
     assert proposed is not None and (proposed.nats, proposed.decisive) == (0.0, False)
     assert "a spring" in experiment(proposed) and "Measure something else" in experiment(proposed)
 
@@ -84,10 +84,10 @@ def test_slides_are_released_and_where_nothing_can_be_done_nothing_is_proposed(l
     still = Recording(
         id="0", source="simulation", joint_names=("x", "y"), units={"qpos": "m"}, t_state=t, qpos=np.zeros((80, 2))
     )  # fmt: skip
-    problem = Problem(Simulator(model, 0.01), cut([still], 0.01, 40), np.full(2, 1e-3))
-    nothing = problem.minimise(problem.start(), 1)
+    problem = problem_of(Simulator(model, 0.01), [still])
+    nothing = minimise(problem, problem.start(), 1)
     spring = replace(nothing, point=nothing.point.with_effects(Spring("x", k=20.0, f=0.0)))
-    proposed = next_experiment(spring, [("nothing", nothing)], [still], 80)
+    proposed = next_experiment(spring, [("nothing", nothing)], 80)
     if loop:
         assert proposed is None
     else:

@@ -3,13 +3,13 @@
 import numpy as np
 import plants
 import pytest
-from plants import recordings
+from plants import problem_of, recordings
 
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.estimation.fit import Problem
+from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.pulses import with_pulses
-from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.diagnosis.simulation.simulator import Pulse, Simulator
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.simulation.variant import Pulse
 
 
 def bump(t, q, v, u):
@@ -29,8 +29,8 @@ def good_sensors(monkeypatch):
 def pushes(force):
     runs = recordings("pendulum", 9, force, errors=0.0, number=3, seconds=4.0)
     simulator = Simulator(get_system("pendulum").compile(), 0.01)
-    problem = Problem(simulator, cut(runs, 0.01, 40), np.full(1, 2e-4))
-    fit = with_pulses(problem.minimise(problem.start()))
+    problem = problem_of(simulator, runs, 2e-4)
+    fit = with_pulses(minimise(problem, problem.start()))
     assert fit.chi_square < 1.5
     return fit.point.variant.pulses
 

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import plants
-from plants import NOISE, recordings
+import pytest
+from plants import NOISE, problem_of, recordings
 
 from keycld_envs.effects import ActuatorLag, AddedMass, JointFlexibility
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.diagnose import _explain
-from keycld_model.diagnosis.estimation.fit import Problem
-from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.diagnosis.search.search import penalty
+from keycld_model.diagnosis.estimation.gauss_newton import minimise
+from keycld_model.diagnosis.search.criterion import penalty
+from keycld_model.diagnosis.search.explain import explain
+from keycld_model.diagnosis.search.transmissions import with_free_rotors
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
 GEAR, INERTIA, STEP = 2.0, 0.25, 1e-3
@@ -49,47 +50,46 @@ def lag(seconds):
     return push
 
 
-def problem_of(runs, noise):
-    simulator = Simulator(get_system("pendulum").compile(), 0.01)
-    return Problem(simulator, cut(runs, 0.01, 40), np.full(1, noise))
+def pendulum(runs, noise):
+    return problem_of(Simulator(get_system("pendulum").compile(), 0.01), runs, noise)
 
 
 def test_rotors_that_may_jump_are_where_recordings_cannot_say():
     """From speeds that are some tenths of a radian per second off, the rotor is thought to be somewhere else."""
-    problem, rng = problem_of(recordings("pendulum", 4, shaft(), errors=0.0, number=3), NOISE), np.random.default_rng(0)
+    problem, rng = pendulum(recordings("pendulum", 4, shaft(), errors=0.0, number=3), NOISE), np.random.default_rng(0)
     speeds = tuple(v + rng.normal(0, 0.1, v.shape).cumsum(axis=0) for v in problem.windows.speeds)
     blurred = replace(problem, windows=replace(problem.windows, speeds=speeds))
-    held = blurred.minimise(blurred.start().with_effects(SHAFT))
-    loose = blurred.minimise(blurred.minimise(held.point.loosened(), 6, only_states=True).point)
+    held = minimise(blurred, blurred.start().with_effects(SHAFT))
+    free = minimise(blurred, with_free_rotors(blurred, held.point))
     assert held.chi_square > 2
-    assert 0.8 < loose.chi_square < 1.2
-    (found,), jumps = loose.effects, loose.point.variant.jumps
+    assert 0.8 < free.chi_square < 1.2
+    (found,), offsets = free.effects, free.point.variant.window_offsets
     assert isinstance(found, JointFlexibility)
     swings = [e.k * (1 / e.j + 1 / INERTIA) for e in (found, SHAFT)]
     assert np.isclose(*swings, rtol=0.05)
-    assert jumps is not None and jumps.shape == (len(blurred.windows), 2)
-    assert penalty(loose) > penalty(held) + len(blurred.windows)
+    assert offsets is not None and offsets.shape == (len(blurred.windows), 2)
+    assert penalty(free) > penalty(held) + len(blurred.windows)
 
 
-def test_jumps_go_with_their_rotor_and_their_windows():
-    problem = problem_of(recordings("pendulum", 4, shaft(), number=1), NOISE)
-    point = problem.start().with_effects(SHAFT).loosened()
-    jumps = np.arange(2.0 * len(problem.windows)).reshape(-1, 2)
-    point = point.jumping(jumps)
+def test_offsets_go_with_their_rotor_and_their_windows():
+    problem = pendulum(recordings("pendulum", 4, shaft(), number=1), NOISE)
+    point = problem.start().with_effects(SHAFT).with_free_rotors()
+    offsets = np.arange(2.0 * len(problem.windows)).reshape(-1, 2)
+    point = point.with_offsets(offsets)
     more = point.with_effects(AddedMass("pole"), replace(SHAFT, k=40.0))
-    assert more.variant.jumps is not None and np.array_equal(more.variant.jumps, jumps)
-    assert point.with_effects(AddedMass("pole")).variant.jumps is None
-    taken = point.take(np.array([2, 0])).variant.jumps
-    assert taken is not None and np.array_equal(taken, jumps[[2, 0]])
-    assert point.variant.elsewhere().jumps is None
+    assert np.array_equal(more.offsets, offsets)
+    assert point.with_effects(AddedMass("pole")).variant.window_offsets is None
+    assert np.array_equal(point.take(np.array([2, 0])).offsets, offsets[[2, 0]])
+    assert point.variant.for_other_recordings().window_offsets is None
 
 
+@pytest.mark.slow
 def test_shorter_steps_tell_a_lag_from_a_delay(monkeypatch):
     """Half a step of delay, spread over two steps, looks like a lag; half as long, it does not."""
     monkeypatch.setattr(plants, "NOISE", 1e-4)
     runs = recordings("pendulum", 8, lag(0.005), number=6)
-    problem = problem_of(runs, 1e-4)
-    found = _explain(problem.minimise(problem.start()), runs).best
+    problem = pendulum(runs, 1e-4)
+    found = explain(minimise(problem, problem.start())).best
     (effect,) = found.fit.effects
     assert isinstance(effect, ActuatorLag) and np.isclose(effect.lag, 0.005, rtol=0.1)
     assert problem.simulator.step == 2 * found.fit.problem.simulator.step

@@ -5,8 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from keycld_model.diagnosis.inputs.noise import noise
-from plants import recordings
+from plants import problem_of, recordings, windows_of
 
 from keycld_control.cli import main
 from keycld_envs.effects import ActuatorGain, Backlash
@@ -15,13 +14,14 @@ from keycld_envs.errors import InputError
 from keycld_envs.recordings import write_recording
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
-from keycld_model.diagnosis.estimation.fit import Problem
+from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.replay import mean_square, rollout_error
 from keycld_model.diagnosis.inputs.checks import check
 from keycld_model.diagnosis.inputs.prepare import ready, split
-from keycld_model.diagnosis.inputs.windows import cut
+from keycld_model.diagnosis.observation import JointPositions
 from keycld_model.diagnosis.simulation.contacts import without_contacts
-from keycld_model.diagnosis.simulation.simulator import Simulator, Variant
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.simulation.variant import Variant
 from keycld_model.rigid_body.compiled import CompiledEngine
 
 FILTERED = """<mujoco><option timestep="0.01"/><worldbody><body name="rod">
@@ -49,6 +49,7 @@ def with_gaps(recording, share, seed=0):
     return replace(recording, qpos=np.where(missing, np.nan, recording.qpos))
 
 
+@pytest.mark.slow
 def test_what_has_no_commands_is_passive_and_missing_samples_do_no_harm(model):
     runs = recordings("pendulum", 2, lambda t, q, v, u: -0.1 * v, number=18, seconds=2.0)[::3]
     report = diagnose([with_gaps(without_commands(r), 0.2, seed) for seed, r in enumerate(runs)], model)
@@ -58,43 +59,48 @@ def test_what_has_no_commands_is_passive_and_missing_samples_do_no_harm(model):
 
 
 def test_missing_samples_count_neither_as_right_nor_as_wrong(runs, model):
-    simulator, (sigma,) = Simulator(model, 0.01), noise(runs)
+    simulator, (sigma,) = Simulator(model, 0.01), noise(runs, model)
     gaps = [with_gaps(r, 0.4, seed) for seed, r in enumerate(runs)]
     fits = []
     for some in (runs, gaps):
-        problem = Problem(simulator, cut(some, 0.01, 40), np.array([sigma]))
-        fits.append(problem.minimise(problem.start(), iterations=15))
+        problem = problem_of(simulator, some, sigma)
+        fits.append(minimise(problem, problem.start(), iterations=15))
     assert mean_square(fits[1]) == pytest.approx(mean_square(fits[0]), abs=0.3)
     assert rollout_error(fits[1]) == pytest.approx(rollout_error(fits[0]), rel=0.15)
 
 
-def test_noise_is_told_beside_gaps_and_is_no_less_than_rounding(runs):
-    assert noise([with_gaps(r, 0.3) for r in runs]) == pytest.approx(1e-3, rel=0.25)
+def noise(runs, model):
+    return JointPositions(model).calibrated(runs).noise
+
+
+def test_noise_is_told_beside_gaps_and_is_no_less_than_rounding(runs, model):
+    assert noise([with_gaps(r, 0.3) for r in runs], model) == pytest.approx(1e-3, rel=0.25)
     grid, t = 2 * np.pi / 4096, np.arange(400) * 0.01
     swings = 0.3 * np.exp(-2 * t) * np.cos(6 * t)  # comes to rest between two marks
     still = replace(runs[0], t_state=t, qpos=np.round(swings[:, None] / grid) * grid)
-    assert noise([still]) == pytest.approx(grid / np.sqrt(12), rel=0.2)
+    assert noise([still], model) == pytest.approx(grid / np.sqrt(12), rel=0.2)
     smooth = replace(still, qpos=swings[:, None])
-    assert noise([smooth]) < 1e-5
+    assert noise([smooth], model) < 1e-5
     with pytest.raises(InputError, match="Joint 0 has no 13 samples"):
-        noise([replace(still, t_state=t[:12], qpos=swings[:12, None])])
+        noise([replace(still, t_state=t[:12], qpos=swings[:12, None])], model)
 
 
 def test_the_clock_of_a_single_recording_goes_on_in_the_part_that_is_held_out(runs):
     late = np.asarray(runs[0].t_state) + 100.0
     whole = replace(runs[0], t_state=late, t_action=late)
-    training, test = split([whole])
+    model = get_system("pendulum").compile()
+    training, test = split([whole], JointPositions(model), 40)
     k = len(np.asarray(training[0].t_state))
-    windows = cut(test, 0.01, 40)
+    windows = windows_of(test, model)
     assert windows.begun[0] == pytest.approx(0.01 * k) and windows.start[0] == pytest.approx(100 + 0.01 * k)
     assert np.isfinite(windows.measured).all() and not np.isin(np.asarray(training[0].qpos), windows.measured).any()
-    check(test, get_system("pendulum").compile())
+    check(test, model, JointPositions(model), 40)
 
 
 def test_windows_do_not_reach_over_a_pause(runs):
     t = np.asarray(runs[0].t_state).copy()
     t[60:] += 300.0
-    windows = cut([replace(runs[0], t_state=t)], 0.01, 40)
+    windows = windows_of([replace(runs[0], t_state=t)], get_system("pendulum").compile())
     assert len(windows) == 2 and windows.steps < 60
 
 
@@ -113,7 +119,7 @@ def test_motors_remember_earlier_commands_at_the_start_of_a_window():
         t_state=0.01 * np.arange(160), qpos=q[:-1, None],
     )  # fmt: skip
     simulator = Simulator(model)
-    windows = cut([recording], simulator.step, 40)
+    windows = windows_of([recording], model, simulator.step)
     starts = windows.first
     for _ in range(2):  # the second time from memory
         path, _, _ = simulator.roll(
@@ -130,8 +136,8 @@ def test_a_floor_that_nothing_touches_does_not_matter(runs):
     runs = [replace(r, qpos=np.asarray(r.qpos) - np.pi) for r in runs]
     for rod in (low, high):
         assert CompiledEngine.of(rod) is None
-    assert not without_contacts(low, runs).geom_contype.any() and low.geom_contype.all()
-    assert without_contacts(high, runs) is high
+    assert not without_contacts(low, runs, JointPositions(low)).geom_contype.any() and low.geom_contype.all()
+    assert without_contacts(high, runs, JointPositions(high)) is high
 
 
 def test_what_acts_on_the_joint_of_a_motor_needs_one():
@@ -163,8 +169,8 @@ def test_recordings_are_refused_with_the_field_and_the_remedy(runs, model):
         (replace(acrobot, actuator_names=acrobot.actuator_names[::-1]), two, "order the columns of action"),
     ):
         with pytest.raises(InputError, match=message):
-            check([bad, bad], where)
-            ready([bad, bad], where)
+            check([bad, bad], where, JointPositions(where), 40)
+            ready([bad, bad], where, 40)
     with pytest.raises(InputError, match="equals the training recording"):
         diagnose([r, r, r], model)
 

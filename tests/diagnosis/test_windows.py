@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants import recordings
+from plants import problem_of, recordings, windows_of
 
 from keycld_envs.effects import HystereticFriction, JointFlexibility
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.estimation.fit import Problem
+from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.replay import replay
-from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.rigid_body.effects import memories
 
@@ -20,16 +19,21 @@ def runs():
     return recordings("cartpole", seed=1, number=2)
 
 
-def test_windows_start_at_a_step_before_their_first_sample(runs):
-    windows = cut(runs, 0.004, 40)
+@pytest.fixture(scope="module")
+def model():
+    return get_system("cartpole").compile()
+
+
+def test_windows_start_at_a_step_before_their_first_sample(runs, model):
+    windows = windows_of(runs, model, 0.004)
     lead = windows.time[:, 0] - windows.start
     assert (lead > -1e-9).all() and (lead < 0.004 + 1e-9).all() and (windows.end >= windows.time[:, -1]).all()
     np.testing.assert_allclose(windows.start, windows.first * 0.004, atol=1e-9)
     assert windows.edges(7)[[0, -1]].tolist() == [0, windows.steps]
 
 
-def test_shorter_windows_hold_the_same_samples(runs):
-    windows = cut(runs, 0.004, 40)
+def test_shorter_windows_hold_the_same_samples(runs, model):
+    windows = windows_of(runs, model, 0.004)
     short = windows.shorter(4)
     assert short.time.shape == (4 * len(windows), 10)
     order = np.lexsort((short.time[:, 0], short.recording))
@@ -41,8 +45,8 @@ def test_shorter_windows_hold_the_same_samples(runs):
     np.testing.assert_allclose(short.start, short.first * 0.004, atol=1e-9)
 
 
-def test_speeds_are_those_of_the_motion(runs):
-    windows = cut(runs, 0.01, 40)
+def test_speeds_are_those_of_the_motion(runs, model):
+    windows = windows_of(runs, model)
     for run, speeds in zip(runs, windows.speeds, strict=True):
         t, q = np.asarray(run.t_state), np.asarray(run.qpos)
         times = t[0] + 0.01 * (np.arange(len(speeds)) + 0.5)
@@ -74,21 +78,21 @@ def test_what_a_shaft_does_at_the_start_of_a_recording_is_fitted():
     """A rotor that rings when the recording starts is not taken for another shaft, nor for pushes."""
     simulator, shaft = Simulator(get_system("pendulum").compile(), 0.01), JointFlexibility("torque", j=0.05, k=20.0)
     runs = recordings("pendulum", 6, number=4, seconds=1.7)
-    windows = cut(runs, 0.01, 40)
-    problem = Problem(simulator, windows, np.full(1, 1e-3))
+    problem = problem_of(simulator, runs)
     truth = problem.start().with_effects(shaft)
     ringing = np.random.default_rng(0).normal(size=(4, 2)) * shaft.memory_spread
-    variant = replace(truth.variant, starts=ringing)
-    which = np.zeros(1, dtype=np.int64)
-    seen = simulator.simulate([variant], which, windows, truth.q[None], truth.v[None])[0]
-    seen += np.random.default_rng(1).normal(0, 1e-3, seen.shape)
-    problem = replace(problem, windows=replace(windows, measured=seen))
-    fit = problem.minimise(problem.start().with_effects(replace(shaft, j=0.03, k=15.0)), 40)
+    ringing_too = replace(truth, variant=replace(truth.variant, recording_offsets=ringing))
+    measured = problem.predicted(ringing_too)
+    measured += np.random.default_rng(1).normal(0, 1e-3, measured.shape)
+    problem = replace(problem, windows=replace(problem.windows, measured=measured))
+    fit = minimise(problem, problem.start().with_effects(replace(shaft, j=0.03, k=15.0)), 40)
     assert fit.chi_square < 1.15
     found = fit.effects[0]
     assert isinstance(found, JointFlexibility)
     assert (found.k / found.j) ** 0.5 == pytest.approx(20, rel=0.05)
     assert fit.deviations().shape == (3,)
-    assert (np.abs(np.asarray(fit.point.variant.starts) - ringing) < 0.35 * np.array(shaft.memory_spread)).all()
+    assert (
+        np.abs(np.asarray(fit.point.variant.recording_offsets) - ringing) < 0.35 * np.array(shaft.memory_spread)
+    ).all()
     again = replay(problem, fit)  # of other recordings, too, only what the shaft does at their start is fitted
     assert again.effects == fit.effects and again.chi_square < 1.15

@@ -28,6 +28,10 @@ class Scored:
         """Effects and places."""
         return frozenset(e.key for e in self.fit.effects)
 
+    def improves_on(self, other: "Scored", least: float) -> bool:
+        """It gains some nats at least, or loses no more with fewer parameters or effects."""
+        return other.score - self.score >= (-least if self.size < other.size else least)
+
     @classmethod
     def of(cls, fit: Fit, dispersion: float = 1.0) -> "Scored":
         """A fit, its cost in nats of a dispersion."""

@@ -70,8 +70,7 @@ class Search:
         for _ in range(EFFORT.rounds):
             better = self._simplified(self._pruned(min([best, *self._finalists(best)], key=score_of)))
             better = self.refine(self._exchanged(better).fit.point, thoroughly=True)
-            gained, least = best.score - better.score, self.least(better)
-            if gained < (-least if better.size < best.size else least):
+            if not better.improves_on(best, self.least(better)):
                 break
             best = better
         return best
