@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 class Simulator:
-    """Engine of a MuJoCo model of hinges and slides.
+    """Rollouts of a MuJoCo model of hinges and slides.
 
     Attributes:
         model: as it is believed to be.
@@ -153,6 +153,8 @@ class Simulator:
         """Positions and velocities after every step, `[P, W, S, 2 nv]`; some effects are in no program."""
         outside = [any(by is self._mujoco or not compiles(e) for e in some.effects) for some in batch.pushing]
         stepped = np.array(outside)[batch.which]
+        if not stepped.any():
+            return at_once(by, batch)
         out = np.empty((*batch.control.shape[:3], batch.start.shape[2]))
         for rows, march in ((np.flatnonzero(stepped), step_by_step), (np.flatnonzero(~stepped), at_once)):
             if len(rows):
@@ -160,7 +162,7 @@ class Simulator:
         return out
 
     def _beyond(self, path: Array) -> NDArray[np.bool_]:
-        """Engine that meet a limit of a joint, which only MuJoCo steps; `[P, W]`."""
+        """Rollouts that meet a limit of a joint, which only MuJoCo steps; `[P, W]`."""
         model, off = self.model, mujoco.mjtDisableBit
         limited = np.flatnonzero(model.jnt_limited)
         if not len(limited) or int(model.opt.disableflags) & (int(off.mjDSBL_CONSTRAINT) | int(off.mjDSBL_LIMIT)):

@@ -19,9 +19,11 @@ from keycld_model.diagnosis.verdict.rivals import Rivals
 from keycld_model.rigid_body.residual_force import ResidualForce
 
 RIGHT = {"explained": 0.92, "left": 0.19, "beside": 0.28}
-"""What a set's weight is multiplied by, so that confidence is on average the share of findings that are right, by
-Laplace's rule on 400 sealed cases (docs/notebook/2026-11-23-sealed-cases.md): where named effects leave only noise, where they leave more, and
-beside pushes or an unknown force."""
+"""What a set's weight is multiplied by, so that confidence is on average the share of findings that are right.
+
+Counted by Laplace's rule on 400 sealed cases (docs/notebook/2026-11-23-sealed-cases.md): where named effects leave only
+noise, where they leave more, and beside pushes or an unknown force.
+"""
 ALONG = {
     "N m": "N",
     "N m s/rad": "N s/m",
