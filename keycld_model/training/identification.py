@@ -104,21 +104,21 @@ def _minimise(
 
     The price gives second derivatives `[p]` of a penalty at a noise of one. Returns the fit, and its cost and price.
     """
-    caution, cost = 1e-5, np.inf
+    damping, cost = 1e-5, np.inf
     for _ in range(iterations):
         blocks = problem.blocks(fit)
         ridge = price(fit.theta) * np.median(blocks.cost) / problem.mechanism.num_keypoints
         cost = before = blocks.cost.sum() + 0.5 * ridge @ fit.theta**2
         for _ in range(ATTEMPTS):
-            shared, own = blocks.step(ridge, ridge * fit.theta, caution, free)
+            shared, own = blocks.step(ridge, ridge * fit.theta, damping, free)
             costs, new = problem.try_step(fit, shared, own)
             after = costs.sum() + 0.5 * ridge @ new.theta**2
             if after < before:
                 break
-            caution *= 10
+            damping *= 10
         else:
             break
-        fit, cost, caution = new, after, max(caution / 10, 1e-10)
+        fit, cost, damping = new, after, max(damping / 10, 1e-10)
         if cost > (1 - CONVERGED) * before:
             break
     return fit, float(cost)
@@ -137,13 +137,13 @@ class _Blocks(NamedTuple):
     gradient: Vector
     cost: Vector
 
-    def step(self, ridge: Vector, pull: Vector, caution: float, free: NDArray[np.bool_]) -> tuple[Vector, Vector]:
+    def step(self, ridge: Vector, pull: Vector, damping: float, free: NDArray[np.bool_]) -> tuple[Vector, Vector]:
         """The step of the shared parameters `[p]` and of the sequences' own `[N, s]`; zero if all have diverged.
 
         Args:
             ridge: `[p]`, second derivatives of the penalty.
             pull: `[p]`, its gradient.
-            caution: damping of Levenberg and Marquardt.
+            damping: of Levenberg and Marquardt.
             free: `[p]`, parameters that move.
         """
         p = len(ridge)
@@ -153,14 +153,14 @@ class _Blocks(NamedTuple):
         h, g = self.hessian[good], self.gradient[good]
         own, cross = h[:, p:, p:], h[:, p:, :p]
         diagonal = np.einsum("nii->ni", own)
-        own = own + (caution * diagonal + 1e-9)[:, :, None] * np.eye(own.shape[1])
+        own = own + (damping * diagonal + 1e-9)[:, :, None] * np.eye(own.shape[1])
         solved = np.linalg.solve(own, np.concatenate([cross, g[:, p:, None]], axis=-1))
         shared = h[:, :p, :p].sum(0) - np.einsum("nsp,nsq->pq", cross, solved[..., :-1]) + np.diag(ridge)
         right = g[:, :p].sum(0) + pull - np.einsum("nsp,ns->p", cross, solved[..., -1])
         diagonal, moving = np.diag(shared)[free], np.ix_(free, free)
         first = np.zeros(p)
         first[free] = -np.linalg.solve(
-            shared[moving] + np.diag(caution * diagonal + RIDGE * diagonal.mean()), right[free]
+            shared[moving] + np.diag(damping * diagonal + RIDGE * diagonal.mean()), right[free]
         )
         second = np.zeros((len(self.cost), own.shape[1]))
         second[good] = -(solved[..., -1] + solved[..., :-1] @ first)
