@@ -18,10 +18,10 @@ demo: libraries .venv/.keycld opengl
 	$(BIN)/keycld demo
 
 test: libraries .venv/.keycld-dev opengl
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -n 2 --dist loadfile # by file: examples of a document build on each other
 
 test-fast: libraries .venv/.keycld-dev opengl
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m 'not slow and not render' tests
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow and not render' tests
 
 lint: .venv/.keycld-dev
 	$(BIN)/ruff check .

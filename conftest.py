@@ -1,8 +1,5 @@
 """The Python examples in README.md and docs/*.md are tests; each document runs in an empty folder.
 
-Slow tests come first, and any process takes the next one; the others go by file, because the examples of a document
-build on each other, and tests of a file share what was made for them.
-
 What JAX compiles is kept between test processes and runs, in `.pytest_cache`. Processes that run beside each other get
 one thread of linear algebra each.
 """
@@ -12,7 +9,6 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import pytest
 from sybil import Sybil
 from sybil.parsers.markdown import PythonCodeBlockParser, SkipParser
 
@@ -20,14 +16,6 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent / "
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Order tests, and say which of them go together."""
-    for item in items:
-        if item.get_closest_marker("slow") is None:
-            item.add_marker(pytest.mark.xdist_group(str(item.path)))
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
 def enter_empty_folder(namespace: dict[str, Any]) -> None:

@@ -248,7 +248,7 @@ def test_render_qpos_shows_a_configuration_and_leaves_the_state(domain: str) -> 
     target = env.render_qpos(env.system.target_qpos)
     for before, now in zip(state, (env.data.qpos, env.data.qvel, env.data.time, env.data.xpos), strict=True):
         np.testing.assert_array_equal(before, now)
-    np.testing.assert_array_equal(env.render(), observation)
+    np.testing.assert_array_equal(env.render_frame(), observation)
     assert np.abs(target.astype(int) - observation).max() > 50
     at_target, _ = env.reset(options={"qpos": env.system.target_qpos})
     np.testing.assert_array_equal(at_target, target)

@@ -102,7 +102,7 @@ def test_a_motor_that_does_not_act_on_a_keypoint_is_found_not_to():
     }
     start["dynamics"] = {**right["dynamics"], "input": pushed}
     found = identify(parts, start, seen, actions, iterations=10)
-    found = identify(parts, found, seen, actions, iterations=10, sparse=True)["dynamics"]["input"]["linear"]
+    found = identify(parts, found, seen, actions, iterations=25, sparse=True)["dynamics"]["input"]["linear"]
     force = np.abs(np.concatenate([found["kernel"].reshape(4, 4, 2), found["bias"].reshape(1, 4, 2)])).max(axis=0)
     assert force[2:, 0].max() < 0.002 < 0.1 < force[:2, 0].max()
     assert force[:, 1].max() > 0.1
