@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import mujoco
 
+from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
-from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.replay import error_unit, rollout_error
 from keycld_model.diagnosis.inputs.checks import check, check_apart
 from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, split
@@ -19,7 +19,14 @@ from keycld_model.diagnosis.search.criterion import Scored
 from keycld_model.diagnosis.search.explain import Explanation, explain_either, refit, refit_accurately
 from keycld_model.diagnosis.simulation.contacts import without_contacts
 from keycld_model.diagnosis.simulation.simulator import Simulator
-from keycld_model.diagnosis.verdict.decide import Conclusion, decide_on_named, decide_on_residual
+from keycld_model.diagnosis.verdict.decide import (
+    Conclusion,
+    Rollouts,
+    decide_on_named,
+    decide_on_residual,
+    doubted,
+    never_worse,
+)
 from keycld_model.diagnosis.verdict.dropped import Dropped
 from keycld_model.diagnosis.verdict.evidence import evidence
 from keycld_model.diagnosis.verdict.findings import (
@@ -57,8 +64,11 @@ def diagnose(
         The report.
 
     Raises:
-        InputError: if the recordings do not suit the model, or nothing can be learned from them.
+        InputError: if there are both `tracked` and `observation`, if the recordings do not suit the model, or nothing
+            can be learned from them.
     """
+    if tracked and observation is not None:
+        raise InputError("tracked is of joint positions, but an observation is handed in; hand in one of them.")
     if observation is None:
         observation = JointPositions(model, tracked=tracked, criteria=criteria)
     training, test = _prepared(recordings, held_out, model, observation, criteria)
@@ -85,7 +95,7 @@ def _report(
     advance(5, "fitting a residual force")
     decided = dropped.tried("residual force", lambda: decide_on_residual(named, explained, tested, left))
     advance(10, "proposing the next recording")
-    concluded, rollouts = _not_worse(decided or named, explained, tested)
+    concluded, rollouts = never_worse(decided or doubted(named, left), explained, tested)
     nothing = named.verdict == "undetermined"
     proposed = rivals.next_experiment(tested.samples, nothing) if named.findings else None
     advance(5)
@@ -100,7 +110,7 @@ def _report(
         held_out=[r.id for r in test],
         next_experiment=proposed,
         details=_details(explained, concluded, dropped),
-        evidence=evidence(model, (refitted, concluded.fit), (rollouts[1], rollouts[2])),
+        evidence=evidence(model, (refitted, concluded.fit), (rollouts.refitted, rollouts.corrected)),
     )
 
 
@@ -160,18 +170,7 @@ class _Sets:
         self._advance(self._left, "looking for rivals")
 
 
-def _not_worse(concluded: Conclusion, explained: Explanation, tested: HeldOut) -> tuple[Conclusion, list[Fit]]:
-    """What is handed back, never worse than the refitted simulator; and rollouts of nominal, refitted, final."""
-    refitted = explained.refitted
-    nominal = replace(refitted, point=refitted.problem.start())
-    rollouts = [tested.long(fit) for fit in (nominal, refitted, concluded.fit)]
-    if rollout_error(rollouts[2]) > rollout_error(rollouts[1]):
-        verdict = "undetermined" if concluded.findings else concluded.verdict
-        concluded, rollouts[2] = replace(concluded, fit=refitted, verdict=verdict), rollouts[1]
-    return concluded, rollouts
-
-
-def _errors(concluded: Conclusion, rollouts: Sequence[Fit], tested: HeldOut) -> FitErrors:
+def _errors(concluded: Conclusion, rollouts: Rollouts, tested: HeldOut) -> FitErrors:
     """Of long rollouts over held-out recordings, in thousandths."""
     limits = rollouts if concluded.ceiling is None else [*rollouts, tested.long(concluded.ceiling)]
     return FitErrors(

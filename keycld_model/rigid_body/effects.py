@@ -137,11 +137,6 @@ class EffectSlots:
         return TracedEffects(filled, (Features(np.array(self.turning), *features), weights))
 
 
-def compiles(effect: Effect) -> bool:
-    """Whether an effect that pushes can be in a program."""
-    return effect.program is not None
-
-
 def residual_numbers(effects: Iterable[Effect]) -> tuple[AnyArray, ...]:
     """Numbers of the one residual force among effects; empty if there is none.
 

@@ -64,7 +64,17 @@ def fitted(source: Source, *effects: Effect) -> Evidence:
     """What a fit with every nuisance off would leave."""
     simulator = Simulator(source.model, 0.01)
     values = 0.1 * np.random.default_rng(0).normal(size=len(simulator.nuisances))
-    return Evidence(source.model, simulator.compile(Variant(values)), effects, np.ones(source.model.nv), (), ())
+    names = tuple(source.model.joint(j).name for j in range(source.model.nv))
+    return Evidence(
+        nominal=source.model,
+        refitted=simulator.compile(Variant(values)),
+        effects=effects,
+        channels=names,
+        units=("rad",) * len(names),
+        noise=np.ones(len(names)),
+        rollouts=(),
+        residuals=(),
+    )
 
 
 def path(model: mujoco.MjModel, commands: np.ndarray, effects: tuple[Effect, ...] = ()) -> np.ndarray:

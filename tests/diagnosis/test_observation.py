@@ -14,6 +14,7 @@ from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.observation import JointPositions, Nuisance, Observation
 from keycld_model.diagnosis.observation.noise import estimate_noise
+from keycld_model.diagnosis.output.page import html_page
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
 
@@ -86,5 +87,7 @@ def test_the_same_friction_is_found_from_the_tip_as_from_the_joint(runs):
         assert [(f.effect, f.where["name"]) for f in report.findings] == [("viscous_friction", "hinge")], name
         found[name] = report.findings[0].parameters["b"]
         assert report.verdict == "mismatch"
+        assert report.evidence is not None and len(html_page(report)) > 1e6
+        assert report.evidence.channels == {"joint": ("hinge",), "tip": ("x", "z")}[name]
     assert found["tip"].value == pytest.approx(found["joint"].value, rel=0.05)
     assert found["tip"].low < 0.1 < found["tip"].high

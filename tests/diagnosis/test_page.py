@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from plants import NOISE
 
-from keycld_envs.effects import EFFECTS, ActuatorDeadZone, GravityTilt, StribeckFriction, ViscousFriction
+from keycld_envs.effects import EFFECTS, ActuatorDeadZone, GravityTilt, StribeckFriction, ViscousFriction, edited
 from keycld_envs.errors import InputError
 from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
 from keycld_model.diagnosis import Evidence, Report, write_page
@@ -23,7 +23,7 @@ from keycld_model.diagnosis.output.page.geometry import skeleton
 from keycld_model.diagnosis.output.page.labels import Mark
 from keycld_model.diagnosis.output.page.mathml import mathml
 from keycld_model.diagnosis.output.words import call, effect_name, error, headline, measured
-from keycld_model.diagnosis.verdict.evidence import Residuals, Rollout, with_effects
+from keycld_model.diagnosis.verdict.evidence import Residuals, Rollout
 from keycld_model.diagnosis.verdict.region import Shape
 from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors, Unexplained
 from keycld_model.rigid_body.residual_force import Features, ResidualForce
@@ -46,7 +46,7 @@ def swing(model: mujoco.MjModel, seconds: float = 1.6) -> np.ndarray:
 def report() -> Report:
     """Of a pendulum whose simulator lacks viscous friction, as a diagnosis would report it."""
     rng, model, missing = np.random.default_rng(0), get_system("pendulum").compile(), ViscousFriction("hinge", b=0.1)
-    refitted, corrected = swing(model), swing(with_effects(model, [missing]))
+    refitted, corrected = swing(model), swing(edited(model, [missing]))
     time, starts = np.linspace(0, 1.59, len(refitted)), np.arange(0, len(refitted), 40)
     rollouts, residuals = [], []
     for run in range(3):
@@ -55,7 +55,8 @@ def report() -> Report:
         if run:
             residuals.append(Residuals(f"run-{run}", time, before, after, starts))
         else:
-            rollouts.append(Rollout("run-0", time, measured, refitted, corrected, np.zeros(1, dtype=np.int64)))
+            lines = measured, refitted, corrected
+            rollouts.append(Rollout("run-0", time, *lines, np.stack(lines), np.zeros(1, dtype=np.int64)))
     (found,) = missing.parameters()
     finding = Finding(
         missing.id, missing.family, {"kind": "joint", "name": "hinge"},
@@ -66,7 +67,9 @@ def report() -> Report:
         "mismatch", headline("mismatch", [finding], fit, left), [finding],
         {"mass of pole": Estimate(0.954, "1", 0.945, 0.963), "zero of hinge": Estimate(-5e-3, "rad", -6e-3, -4e-3)},
         left, fit, ["run-0"], details={"dispersion": 1.0, "noise": [NOISE]},
-        evidence=Evidence(model, model, (missing,), np.array([NOISE]), tuple(rollouts), tuple(residuals)),
+        evidence=Evidence(
+            model, model, (missing,), ("hinge",), ("rad",), np.array([NOISE]), tuple(rollouts), tuple(residuals)
+        ),
     )  # fmt: skip
 
 
@@ -265,8 +268,9 @@ def test_names_of_users_stay_words(report, name):
     )
     along = np.linspace(-1, 1, 50)
     evidence = replace(
-        report.evidence, nominal=model, refitted=model, effects=(viscous,), shape=Shape(name, True, along, along, along)
-    )
+        report.evidence, nominal=model, refitted=model, effects=(viscous,), channels=(name,),
+        shape=Shape(name, True, along, along, along),
+    )  # fmt: skip
     experiment = Experiment(at, "release it", {name: 0.1}, ["nothing"], 20.0, True)
     hostile = replace(
         report, headline=name, findings=findings, evidence=evidence, next_experiment=experiment, held_out=[name],
@@ -293,7 +297,7 @@ def test_names_of_users_stay_words(report, name):
     ):
         assert name in shown.texts[id], id
     assert json.dumps(name) in shown.texts["use"] and shown.one("tr", data_name=f"zero of {name}")
-    assert embedded(page, "data")["joints"][0]["name"] == embedded(page, "report")["headline"] == name
+    assert embedded(page, "data")["channels"][0]["name"] == embedded(page, "report")["headline"] == name
 
 
 def test_a_fitted_function_is_not_spelled_out(report):
@@ -330,6 +334,7 @@ def test_the_headline_names_findings_and_counts_the_others(report, number):
 def test_sixty_long_recordings_stay_below_the_limit(report):
     rollout, residuals = report.evidence.rollouts[0], report.evidence.residuals[0]
     long = {f: np.tile(getattr(rollout, f), (20, 1)) for f in ("measured", "refitted", "corrected")}
+    long["poses"] = np.tile(rollout.poses, (1, 20, 1))
     time, starts = np.arange(len(long["measured"])) * 0.01, np.arange(20) * len(rollout.time)
     many = tuple(replace(rollout, recording=f"{i}", time=time, starts=starts, **long) for i in range(60))
     evidence = replace(report.evidence, rollouts=many, residuals=(residuals,) * 60)

@@ -6,6 +6,7 @@ from plants import problem_of, recordings
 
 from keycld_envs.effects import ActuatorGain, ConstantForce, EndStop, Spring, StribeckFriction
 from keycld_envs.systems import get_system
+from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.output.page.portrait import portrait
@@ -29,7 +30,7 @@ def of(fit: Fit, effect) -> Shape:
 def test_a_stop_is_confined_to_what_lies_behind_it(fit):
     at = float(np.quantile(of(fit, Spring("hinge", k=1.0)).position, 0.85))
     shape = of(fit, EndStop("hinge", k=2.0, d=0.0, at=at))
-    region = shape.region()
+    region = shape.region(STANDARD)
     assert region is not None and set(region) >= {"qpos:hinge"}
     low, high = region["qpos:hinge"]
     assert at <= low < high <= shape.position.max() + 1e-4
@@ -40,7 +41,7 @@ def test_a_stop_is_confined_to_what_lies_behind_it(fit):
 @pytest.mark.parametrize("effect", [ConstantForce("hinge", f=0.05), Spring("hinge", k=0.1, f=0.31)])
 def test_springs_and_constant_forces_act_everywhere(fit, effect):
     shape = of(fit, effect)
-    assert shape.region() is None
+    assert shape.region(STANDARD) is None
     assert np.allclose(shape.force, effect.torque(np.zeros_like(shape.speed), shape.position, shape.speed))
 
 

@@ -38,16 +38,15 @@ class Fit:
     @cached_property
     def chi_square(self) -> float:
         """Mean square of the whitened residuals per degree of freedom; one if only noise is left."""
-        residual = self.problem.residual(self.point)
         used = self.point.q.size * 2 + len(self.hessian) + self.point.offsets.size
-        return float(np.sum(residual**2) / max(1, self.problem.samples - used))
+        return float(np.sum(self.residual**2) / max(1, self.problem.samples - used))
 
     @cached_property
     def excess(self) -> float:
         """Nats above what noise alone costs."""
         return self.cost - self.problem.expected
 
-    @property
+    @cached_property
     def residual(self) -> Array:
         """Whitened residuals by sample and channel, `[W, n, m]`."""
         return self.problem.residual(self.point).reshape(self.problem.windows.measured.shape)

@@ -35,7 +35,7 @@ def minimise(
         only_states: nuisances and effects stay as they are; hidden states at the starts of recordings do not.
     """
     recordings = len(problem.windows.commands)
-    if len(point.recording_spreads) and point.variant.recording_offsets is None:
+    if len(point.fitted_recording_spreads) and point.variant.recording_offsets is None:
         offsets = point.recording_offsets(recordings)
         point = replace(point, variant=replace(point.variant, recording_offsets=offsets))
     cost, gain = problem.cost(point), np.inf
@@ -97,7 +97,7 @@ class _Normal:
         gradient = np.tensordot(shared, residual, axes=([0, 1], [0, 1]))
         hessian[np.arange(n), np.arange(n)] += problem.spreads**-2
         gradient[:n] -= point.variant.values / problem.spreads**2
-        offsets, spread = point.variant.recording_offsets, point.recording_spreads
+        offsets, spread = point.variant.recording_offsets, point.fitted_recording_spreads
         if len(spread) and offsets is not None:
             spread = np.tile(spread, len(offsets))
             hessian[np.arange(hidden, len(hessian)), np.arange(hidden, len(hessian))] += spread**-2

@@ -42,7 +42,7 @@ class Point:
         return np.zeros(0) if self.variant.window_offsets is None else window_spreads(self.effects)
 
     @property
-    def recording_spreads(self) -> Array:
+    def fitted_recording_spreads(self) -> Array:
         """Standard deviations of what is fitted of the starts of recordings, `[M]`; nothing where windows have it."""
         return np.zeros(0) if self.variant.window_offsets is not None else recording_spreads(self.effects)
 

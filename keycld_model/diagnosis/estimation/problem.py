@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
-from keycld_model.diagnosis.criteria import STANDARD, Criteria
+from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.linearisation import Linearisation, huber
 from keycld_model.diagnosis.estimation.parameters import effect_parameters, with_parameter
 from keycld_model.diagnosis.estimation.point import Point
@@ -27,12 +27,15 @@ class Problem:
     Attributes:
         simulator: of the mechanism.
         windows: of the recordings.
-        criteria: thresholds.
     """
 
     simulator: Simulator
     windows: Windows
-    criteria: Criteria = STANDARD
+
+    @property
+    def criteria(self) -> Criteria:
+        """Thresholds and priors, of the simulator."""
+        return self.simulator.criteria
 
     @cached_property
     def nuisances(self) -> tuple[Nuisance, ...]:
@@ -130,7 +133,7 @@ class Problem:
         Returns:
             The linearisation, and whitened residuals `[len(extra), W, r]` with the extra effects.
         """
-        base, recordings, spreads = point.variant, len(self.windows.commands), point.recording_spreads
+        base, recordings, spreads = point.variant, len(self.windows.commands), point.fitted_recording_spreads
         shared_steps = [] if only_states else self._steps(point)
         hidden = []
         for m, spread in enumerate(spreads):

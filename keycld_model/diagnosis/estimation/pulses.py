@@ -154,6 +154,6 @@ def _found(fit: Fit, joints: list[int]) -> list[Pulse]:
                 continue
             touches = joints.index(first_part.dof) * len(spans) + np.flatnonzero(edge)
             best = int(touches[gain[other, touches].argmax()])
-            if gain[other, best] > 5.0 and force[other, best] * first_part.force > 0:
+            if gain[other, best] > problem.criteria.pulse / 4 and force[other, best] * first_part.force > 0:
                 found[other] = pulse(other, best)
     return list(found.values())

@@ -37,11 +37,11 @@ def rollout_error(fit: Fit) -> float:
 
 def error_unit(units: tuple[str, ...]) -> str:
     """Unit of a thousandth of an error of channels with these units."""
-    return " or ".join(f"m{unit}" for unit in ("rad", "m") if unit in units)
+    return " or ".join(f"m{unit}" for unit in sorted(set(units), reverse=True))
 
 
 def mean_square(fit: Fit) -> NDArray[np.float64]:
     """Mean square of whitened residuals per degree of freedom, by channel, `[m]`."""
-    measured = fit.problem.windows.measured
+    measured, nv = fit.problem.windows.measured, fit.point.q.shape[1]
     squares, counts = np.sum(fit.residual**2, axis=(0, 1)), np.isfinite(measured).sum(axis=(0, 1))
-    return squares / counts / (1 - 2 / measured.shape[1])
+    return squares / counts / (1 - 2 * nv / (measured.shape[1] * measured.shape[2]))

@@ -8,7 +8,8 @@ import gymnasium as gym
 import mujoco
 
 from keycld_envs.errors import InputError
-from keycld_envs.mjcf import refused
+from keycld_envs.mjcf import check_step, refused
+from keycld_envs.reading import JSON_SHARE, check_file
 from keycld_envs.registration import resolve_env_id
 
 
@@ -35,13 +36,19 @@ class Source:
         Raises:
             InputError: if it does not compile.
         """
-        if not path.is_file():
-            raise InputError(f"{path} is no file; hand in a MuJoCo XML file.")
+        try:
+            check_file(path, JSON_SHARE)
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise InputError(f"{path} cannot be read ({reason}); hand in a MuJoCo XML file.") from error
         try:
             source = cls(mujoco.MjModel.from_xml_path(str(path)), path)
-            return source if unnamed(source.model) is None else cls(source.spec().compile(), path)
-        except ValueError as error:
+            if unnamed(source.model) is not None:
+                source = cls(source.spec().compile(), path)
+        except (ValueError, RuntimeError) as error:
             raise refused(str(path), error) from error
+        check_step(str(path), source.model)
+        return source
 
     @classmethod
     def of_environment(cls, name: str) -> "Source":

@@ -82,17 +82,13 @@ class Windows:
             return np.arange(len(self))
         return np.linspace(0, len(self) - 1, number).round().astype(int)
 
-    def with_step(self, step: float) -> "Windows":
-        """The recordings cut anew, for another step of the simulation."""
-        return cut(self.recordings, self.observation, step, self.samples)
-
-    def of_length(self, samples: int) -> "Windows":
-        """The recordings cut anew, into windows of another number of samples."""
-        return cut(self.recordings, self.observation, self.step, samples)
+    def recut(self, step: float | None = None, samples: int | None = None) -> "Windows":
+        """All windows of the recordings, for another step of the simulation, or of another number of samples."""
+        return cut(self.recordings, self.observation, step or self.step, samples or self.samples)
 
     def halved(self) -> "Windows":
         """The same windows with steps half as long."""
-        fine = self.with_step(self.step / 2)
+        fine = self.recut(step=self.step / 2)
         same = {"commands": fine.commands, "speeds": fine.speeds}
         return replace(self, step=self.step / 2, first=2 * self.first, steps=2 * self.steps, **same)
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 
 import mujoco
 
-from keycld_envs.effects import Effect
+from keycld_envs.effects import Effect, edited
 from keycld_envs.effects.native import NativeModel
-from keycld_model.diagnosis.verdict.evidence import with_effects
 
 
 @dataclass
@@ -37,7 +36,7 @@ def native(model: mujoco.MjModel, effects: Sequence[Effect]) -> Native:
     motors = {name: _chain(model, effects, name) for name in names}
     chained = [e for chain in motors.values() for e in chain]
     chosen = [e for e in effects if e in chained or (e.kind != "actuator" and e.native(model))]
-    target = NativeModel(with_effects(model, [e for e in chosen if e.only_edits]))
+    target = NativeModel(edited(model, [e for e in chosen if e.only_edits]))
     for effect in (*(e for e in chosen if e not in chained and not e.only_edits), *chained):
         effect.write(target)
     for name, gain in target.gains.items():

@@ -61,7 +61,7 @@ def confusable_sets(search: Search, best: Scored) -> list[Scored]:
     for s in search.found.values():
         exchanged = len(s.keys) == len(best.keys) and len(s.keys - best.keys) == 1
         groups = {e.confusable and e.confusable.group for e in _exchanged(best, s)}
-        if exchanged and len(groups) == 1 and None not in groups and s.score < best.score + 50.0:
+        if exchanged and len(groups) == 1 and None not in groups and s.score < best.score + EFFORT.finer_nats:
             near.append(s)
     return sorted(near, key=score_of)[: EFFORT.finer_sets]
 

@@ -18,6 +18,8 @@ class Effort:
         rough: share of what is above noise that a step must gain for another one, while sets are compared.
         rotor_windows: windows that choose among starts of rotors.
         rotor_starts: starts of rotors that are followed further.
+        tried_nats: nats that an effect seems to be worth below which the set is fitted without it.
+        finer_nats: nats behind the best within which sets of confusable effects may be better with shorter steps.
         finer_sets: sets of confusable effects that are tried with shorter steps.
     """
 
@@ -31,6 +33,8 @@ class Effort:
     rough: float = 3e-4
     rotor_windows: int = 15
     rotor_starts: int = 6
+    tried_nats: float = 100.0
+    finer_nats: float = 50.0
     finer_sets: int = 3
 
 

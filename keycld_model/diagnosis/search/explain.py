@@ -51,7 +51,7 @@ class Explanation:
         fit = self.best.fit
         if not fit.point.variant.pulses:
             return fit
-        windows = fit.problem.windows.of_length(fit.problem.windows.samples)
+        windows = fit.problem.windows.recut()
         return replay(replace(fit.problem, windows=windows), fit) if len(windows) > len(fit.problem.windows) else fit
 
 
@@ -64,8 +64,8 @@ def refit(simulator: Simulator, windows: Windows) -> Fit:
 def problem_of(simulator: Simulator, windows: Windows) -> Problem:
     """Windows that are searched, of all, with the step of a simulator."""
     if windows.step != simulator.step:
-        windows = windows.with_step(simulator.step)
-    return Problem(simulator, windows.take(windows.evenly(EFFORT.windows)), simulator.criteria)
+        windows = windows.recut(step=simulator.step)
+    return Problem(simulator, windows.take(windows.evenly(EFFORT.windows)))
 
 
 def refit_accurately(simulator: Simulator, windows: Windows) -> Fit:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve, solve_triangular
 
 from keycld_envs.effects import Effect
 from keycld_model.diagnosis.estimation.fit import Fit
@@ -168,7 +169,7 @@ class _Normal:
         """Weights `[k, nv]` and nuisances `[n]`."""
         matrix, vector = self._equations(force.features)
         low, scale = _factored(matrix + np.diag(self._prior(force)))
-        solution = np.linalg.solve(low.T, np.linalg.solve(low, vector / scale)) / scale
+        solution = cho_solve((low, True), vector / scale, check_finite=False) / scale
         return solution[len(self.prior) :].reshape(-1, len(self.scale)), solution[: len(self.prior)]
 
     def worth(self, force: ResidualForce) -> Array:
@@ -196,7 +197,7 @@ class _Normal:
     def _evidence(self, matrix: Array, vector: Array, force: ResidualForce) -> float:
         prior = self._prior(force)
         low, scale = _factored(matrix + np.diag(prior))
-        explained = np.linalg.solve(low, vector / scale)
+        explained = solve_triangular(low, vector / scale, lower=True, check_finite=False)
         volume = np.log(np.diag(low)).sum() + np.log(scale).sum()
         return 0.5 * float(explained @ explained + np.log(prior).sum()) - float(volume)
 

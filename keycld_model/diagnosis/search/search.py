@@ -154,7 +154,7 @@ class Search:
     def _pruned(self, best: Scored) -> Scored:
         """Without effects that are not worth their parameters."""
         while True:
-            doubtful = self.dispersion * (100.0 + 10 * self.least(best))  # nats below which it is tried
+            doubtful = self.dispersion * (EFFORT.tried_nats + 10 * self.least(best))
             fewer = [self._without(best, e) for e in best.fit.effects if best.fit.worth(e) < doubtful]
             if not fewer or (least := min(fewer, key=score_of)).score > best.score + self.least(best):
                 return best

@@ -17,7 +17,6 @@ from keycld_model.diagnosis.simulation.sampling import delayed_commands, interpo
 from keycld_model.diagnosis.simulation.stepping import Batch, at_once, step_by_step
 from keycld_model.diagnosis.simulation.variant import Variant
 from keycld_model.rigid_body.compiled import CompiledEngine
-from keycld_model.rigid_body.effects import compiles
 from keycld_model.rigid_body.engine import Engine, MujocoEngine
 
 Array = NDArray[np.float64]
@@ -51,13 +50,13 @@ class Simulator:
         self.nuisances = inertial_nuisances(model, criteria)
         self._data = mujoco.MjData(self.model)
         self._models = ModelPool(self.model)
-        self._mujoco = MujocoEngine(self.model, threads)
+        self._threads, self._mujoco = threads, MujocoEngine(self.model, threads)
         self._motors = MotorStates(self.model, self._mujoco.size)
         self._fast = CompiledEngine.of(self.model, exact_stiction=not self.own_integrator) if compiled else None
 
     def with_step(self, step: float, compiled: bool = True) -> "Simulator":
         """The same with Runge-Kutta steps of another length, s."""
-        return Simulator(self.model, step, compiled=compiled, criteria=self.criteria)
+        return Simulator(self.model, step, self._threads, compiled, self.criteria)
 
     def compile(self, variant: Variant) -> mujoco.MjModel:
         """The model of a variant, as far as MuJoCo has its effects itself."""
@@ -151,7 +150,7 @@ class Simulator:
 
     def _after(self, by: Engine, batch: Batch) -> Array:
         """Positions and velocities after every step, `[P, W, S, 2 nv]`; some effects are in no program."""
-        outside = [any(by is self._mujoco or not compiles(e) for e in some.effects) for some in batch.pushing]
+        outside = [any(by is self._mujoco or e.program is None for e in some.effects) for some in batch.pushing]
         stepped = np.array(outside)[batch.which]
         if not stepped.any():
             return at_once(by, batch)

@@ -1,6 +1,7 @@
 """What may be said, by recordings that no fit has seen."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -79,6 +80,31 @@ def decide_on_residual(named: Conclusion, explained: Explanation, held_out: Held
                 named = replace(named, findings=[], nats=0.0)
             findings = [*named.findings, residual_force_finding(fit, extra / (extra + max(named.nats, 0.0)))]
             return Conclusion("mismatch", fit, tested[instead], findings, named.nats)
-    if left.significant and (named.verdict == "no_mismatch" or left.fraction > criteria.unexplained_share):
-        named = replace(named, verdict="undetermined")
-    return replace(named, ceiling=alone)
+    return replace(doubted(named, left), ceiling=alone)
+
+
+def doubted(named: Conclusion, left: Unexplained) -> Conclusion:
+    """What was decided on named effects, undetermined where they leave more than they may."""
+    most = named.fit.problem.criteria.unexplained_share
+    if left.significant and (named.verdict == "no_mismatch" or left.fraction > most):
+        return replace(named, verdict="undetermined")
+    return named
+
+
+class Rollouts(NamedTuple):
+    """Long rollouts over held-out recordings: of the simulator as it was, refitted, and as it is handed back."""
+
+    nominal: Fit
+    refitted: Fit
+    corrected: Fit
+
+
+def never_worse(concluded: Conclusion, explained: Explanation, held_out: HeldOut) -> tuple[Conclusion, Rollouts]:
+    """What is handed back, which is the refitted simulator where findings make long rollouts worse."""
+    fits = replace(explained.refitted, point=explained.refitted.problem.start()), explained.refitted, concluded.fit
+    rollouts = Rollouts(*(held_out.long(fit) for fit in fits))
+    if rollout_error(rollouts.corrected) <= rollout_error(rollouts.refitted):
+        return concluded, rollouts
+    verdict = "undetermined" if concluded.findings else concluded.verdict
+    kept = replace(concluded, fit=explained.refitted, verdict=verdict)
+    return kept, rollouts._replace(corrected=rollouts.refitted)

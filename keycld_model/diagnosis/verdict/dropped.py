@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import TypeVar
 
+import numpy as np
+
 T = TypeVar("T")
 
 
@@ -10,9 +12,13 @@ class Dropped(list[str]):
     """Steps that were left out, and why, a line each; what was found before them stands."""
 
     def tried(self, name: str, step: Callable[[], T]) -> T | None:
-        """The result of a step; None, with one more line, if numbers run away in it."""
+        """The result of a step; None, with one more line, if numbers run away in it.
+
+        Raises:
+            InputError: if the step does; what a user can repair is not left out, nor is a bug.
+        """
         try:
             return step()
-        except (ValueError, ArithmeticError) as error:  # also of linear algebra
+        except (np.linalg.LinAlgError, ArithmeticError) as error:
             self.append(f"{name}: {error}")
             return None

@@ -1,7 +1,5 @@
 """What a diagnosis rests on, for people to look at: models, rollouts and residuals."""
 
-import copy
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,8 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.constants import update_constants
-from keycld_envs.effects import Effect
+from keycld_envs.effects import Effect, edited
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.verdict.region import Shape, shape_of
 
@@ -24,9 +21,10 @@ class Rollout:
     Attributes:
         recording: its id.
         time: `[n]` s.
-        measured: `[n, nv]` positions, rad or m; NaN where missing.
-        refitted: `[n, nv]` of the simulator with nuisances refitted.
-        corrected: `[n, nv]` with the findings added.
+        measured: `[n, m]` what the sensor showed; NaN where missing.
+        refitted: `[n, m]` of the simulator with nuisances refitted.
+        corrected: `[n, m]` with the findings added.
+        poses: `[3, n, nv]` joint positions of these three, rad or m, as far as the channels tell them.
         starts: `[k]` indices of samples at which rollouts begin, with initial states fitted.
     """
 
@@ -35,6 +33,7 @@ class Rollout:
     measured: Array
     refitted: Array
     corrected: Array
+    poses: Array
     starts: NDArray[np.int64]
 
 
@@ -45,8 +44,8 @@ class Residuals:
     Attributes:
         recording: its id.
         time: `[n]` s.
-        before: `[n, nv]` measured minus refitted simulator over the sensor's noise; NaN where missing.
-        after: `[n, nv]` the same with the findings added.
+        before: `[n, m]` measured minus refitted simulator over the sensor's noise; NaN where missing.
+        after: `[n, m]` the same with the findings added.
         starts: `[k]` indices of samples at which windows begin, with initial states fitted.
     """
 
@@ -65,7 +64,9 @@ class Evidence:
         nominal: the simulator as it was.
         refitted: with the nuisances of the final fit, its integrator and its time step, without effects.
         effects: that were added.
-        noise: `[nv]` standard deviation of the sensor's noise, rad or m.
+        channels: names of what was measured.
+        units: of these.
+        noise: `[m]` standard deviation of the sensor's noise.
         rollouts: one per held-out recording.
         residuals: one per training recording.
         shape: of the residual force, if there is one.
@@ -74,6 +75,8 @@ class Evidence:
     nominal: mujoco.MjModel
     refitted: mujoco.MjModel
     effects: tuple[Effect, ...]
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
     noise: Array
     rollouts: tuple[Rollout, ...]
     residuals: tuple[Residuals, ...]
@@ -82,16 +85,7 @@ class Evidence:
     @cached_property
     def corrected(self) -> mujoco.MjModel:
         """The refitted model with those effects that are in its numbers."""
-        return with_effects(self.refitted, self.effects)
-
-
-def with_effects(model: mujoco.MjModel, effects: Sequence[Effect]) -> mujoco.MjModel:
-    """A copy of a model that effects have edited."""
-    edited = copy.copy(model)
-    for effect in effects:
-        effect.edit(edited)
-    update_constants(edited)
-    return edited
+        return edited(self.refitted, self.effects)
 
 
 def evidence(nominal: mujoco.MjModel, windows: tuple[Fit, Fit], rollouts: tuple[Fit, Fit]) -> Evidence:
@@ -103,12 +97,15 @@ def evidence(nominal: mujoco.MjModel, windows: tuple[Fit, Fit], rollouts: tuple[
         rollouts: refitted and corrected, of held-out recordings.
     """
     chosen = windows[1]
+    seen = chosen.problem.windows.observation
     simulator, bare = chosen.problem.simulator, replace(chosen.point.variant, effects=())
     return Evidence(
         nominal=nominal,
         refitted=simulator.compile(bare),
         effects=chosen.effects,
-        noise=chosen.problem.noise,
+        channels=seen.names,
+        units=seen.units,
+        noise=seen.noise,
         rollouts=tuple(_rollouts(rollouts)),
         residuals=tuple(_residuals(windows)),
         shape=next((shape_of(chosen, e) for e in chosen.effects if e.id == "unknown"), None),
@@ -117,18 +114,22 @@ def evidence(nominal: mujoco.MjModel, windows: tuple[Fit, Fit], rollouts: tuple[
 
 def _rollouts(fits: tuple[Fit, Fit]) -> list[Rollout]:
     pieces = fits[0].problem.windows
-    refitted, corrected = (fit.problem.predicted(fit.point) for fit in fits)
-    return [
-        Rollout(
-            recording=pieces.ids[r],
-            time=pieces.time[rows].ravel(),
-            measured=np.concatenate(pieces.measured[rows]),
-            refitted=np.concatenate(refitted[rows]),
-            corrected=np.concatenate(corrected[rows]),
-            starts=np.arange(len(rows)) * pieces.time.shape[1],
+    shown = (pieces.measured, *(fit.problem.predicted(fit.point) for fit in fits))
+    out = []
+    for r, rows in _by_recording(pieces.recording):
+        measured, refitted, corrected = (np.concatenate(channels[rows]) for channels in shown)
+        out.append(
+            Rollout(
+                recording=pieces.ids[r],
+                time=pieces.time[rows].ravel(),
+                measured=measured,
+                refitted=refitted,
+                corrected=corrected,
+                poses=np.stack([pieces.observation.positions(y) for y in (measured, refitted, corrected)]),
+                starts=np.arange(len(rows)) * pieces.time.shape[1],
+            )
         )
-        for r, rows in _by_recording(pieces.recording)
-    ]
+    return out
 
 
 def _residuals(fits: tuple[Fit, Fit]) -> list[Residuals]:

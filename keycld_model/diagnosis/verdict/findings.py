@@ -62,7 +62,7 @@ def findings_of(best: Scored, rivals: Rivals, search: Search) -> list[Finding]:
 
 def _region(fit: Fit, effect: Effect) -> dict[str, tuple[float, float]] | None:
     shape = shape_of(fit, effect)
-    return None if shape is None else shape.region()
+    return None if shape is None else shape.region(fit.problem.criteria)
 
 
 def _estimates(effect: Effect, deviations: Iterator[float], model: mujoco.MjModel) -> dict[str, Estimate]:
@@ -71,7 +71,7 @@ def _estimates(effect: Effect, deviations: Iterator[float], model: mujoco.MjMode
         value, deviation = getattr(effect, known.parameter.name), 1.645 * next(deviations)
         low, high = max(value - deviation, known.parameter.low), min(value + deviation, known.parameter.high)
         unit = known.parameter.unit
-        if _slides(effect, model) and known.parameter.name != "w":  # an angular frequency in time
+        if _slides(effect, model) and not known.parameter.temporal:
             unit = ALONG.get(unit, unit)
         out[known.parameter.name] = Estimate(value, unit, low, high)
     return out

@@ -50,7 +50,7 @@ class HeldOut:
         """The recordings that a fit was trained on, in windows as long as the long rollouts."""
         windows = fit.problem.windows
         samples = min(self.samples, *(len(np.asarray(r.t_state)) for r in windows.recordings))
-        return replace(self.rollouts, windows=windows.of_length(samples))
+        return replace(self.rollouts, windows=windows.recut(samples=samples))
 
     def short(self, fit: Fit) -> Fit:
         """A fit on windows."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
-from keycld_model.diagnosis.criteria import STANDARD, Criteria
+from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.fit import Fit
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ class Shape:
     speed: Array
     force: Array
 
-    def region(self, criteria: Criteria = STANDARD) -> dict[str, tuple[float, float]] | None:
+    def region(self, criteria: Criteria) -> dict[str, tuple[float, float]] | None:
         """Positions and speeds to which the force is confined; see `Finding`.
 
         The shortest interval that holds most of the squared force is compared with the shortest that holds as much of

@@ -53,7 +53,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """What is left after all findings.
+    """What named effects and pushes leave of held-out recordings; a residual force, if there is one, is fitted to it.
 
     Attributes:
         significant: more than noise.

@@ -59,7 +59,7 @@ def html_page(report: Report, environment: str | None = None, corrected: str | N
             drawing=markup(_drawing(report, evidence)),
             errors=held_out_errors(report, evidence),
             cards=cards(report),
-            nuisances=nuisances(report, evidence.nominal),
+            nuisances=nuisances(report),
             blocks=code(evidence, environment, corrected),
             functions=any(not spelled_out(e) for e in evidence.effects),
             details=details(report),
@@ -108,8 +108,8 @@ def _drawing(report: Report, evidence: Evidence) -> Element:
     ]
     if not evidence.rollouts:
         return draw(evidence.nominal, np.zeros(1), np.asarray(evidence.nominal.qpos0)[None], marks)
-    longest = max(evidence.rollouts, key=lambda r: float(np.nanmax(np.ptp(r.measured, axis=0), initial=0.0)))
-    return draw(evidence.refitted, longest.time, longest.measured, marks)
+    longest = max(evidence.rollouts, key=lambda r: float(np.nanmax(np.ptp(r.poses[0], axis=0), initial=0.0)))
+    return draw(evidence.refitted, longest.time, longest.poses[0], marks)
 
 
 def _finite(value: object) -> Json:

@@ -32,14 +32,13 @@ def plot_data(report: Report, evidence: Evidence) -> dict[str, Json]:
     numbers = sum(3 * r.measured.size + len(r.time) for r in evidence.rollouts)
     numbers += sum(2 * r.before.size + len(r.time) for r in evidence.residuals)
     every = max(1, int(np.ceil(numbers / MOST)))
-    units = ["rad" if kind == HINGE else "m" for kind in model.jnt_type]
     return {
-        "joints": [{"name": model.joint(j).name, "unit": units[j]} for j in range(model.njnt)],
+        "channels": [{"name": n, "unit": u} for n, u in zip(evidence.channels, evidence.units, strict=True)],
         "differs": report.verdict != "no_mismatch",
         "rollouts": [_rollout(r, every) for r in evidence.rollouts],
         "mechanism": _mechanism(model, evidence.rollouts),
         "residuals": [_residuals(r, every) for r in evidence.residuals],
-        "whiteness": [_whiteness(evidence, j) for j in range(model.njnt)],
+        "whiteness": [_whiteness(evidence, i) for i in range(len(evidence.channels))],
         "bins": ((BINS[:-1] + BINS[1:]) / 2).tolist(),
         "when": [_when(i + 1, finding) for i, finding in enumerate(report.findings)],
     }
@@ -73,7 +72,7 @@ def _mechanism(model: mujoco.MjModel, rollouts: tuple[Rollout, ...]) -> dict[str
         budget -= 6 * len(shape.nodes) * len(keep)
         if budget < 0 and clips:
             break
-        paths = [shape.at(y[keep]) for y in (rollout.measured, rollout.refitted, rollout.corrected)]
+        paths = [shape.at(pose[keep]) for pose in rollout.poses]
         clips.append({"time": _packed(rollout.time[keep]), "paths": [_packed(p) for p in paths]})
     return {
         "links": [[link.start, link.end] for link in shape.links],
@@ -83,10 +82,10 @@ def _mechanism(model: mujoco.MjModel, rollouts: tuple[Rollout, ...]) -> dict[str
     }
 
 
-def _whiteness(evidence: Evidence, joint: int) -> dict[str, Json]:
-    """Histograms, autocorrelations and the share within two standard deviations, of a joint's residuals."""
+def _whiteness(evidence: Evidence, channel: int) -> dict[str, Json]:
+    """Histograms, autocorrelations and the share within two standard deviations, of a channel's residuals."""
     out: dict[str, Json] = {}
-    sides = {name: [getattr(r, name)[:, joint] for r in evidence.residuals] for name in ("before", "after")}
+    sides = {name: [getattr(r, name)[:, channel] for r in evidence.residuals] for name in ("before", "after")}
     for name, residuals in sides.items():
         split = (np.split(z, r.starts[1:]) for z, r in zip(residuals, evidence.residuals, strict=True))
         pieces = [piece for parts in split for piece in parts if len(piece) > LAGS]

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 
-import mujoco
 import numpy as np
 from markupsafe import Markup
 
@@ -13,7 +12,6 @@ from keycld_envs.effects import Effect, effect_class
 from keycld_model.diagnosis.observation.nuisance import FACTOR_UNIT
 from keycld_model.diagnosis.output.native import native
 from keycld_model.diagnosis.output.page.elements import markup
-from keycld_model.diagnosis.output.page.geometry import HINGE
 from keycld_model.diagnosis.output.page.mathml import mathml
 from keycld_model.diagnosis.output.page.portrait import portrait
 from keycld_model.diagnosis.output.words import call, in_sentence, measured, place, spelled_out
@@ -216,14 +214,12 @@ def minus(text: str) -> str:
     return text.replace("-", "−")
 
 
-def nuisances(report: Report, model: mujoco.MjModel) -> list[Row]:
-    """What was refitted; zeros are in thousandths, on scales of 50 of them, factors in percent, on scales of 30."""
-    slides = {model.joint(j).name for j in range(model.njnt) if model.jnt_type[j] != HINGE}
+def nuisances(report: Report) -> list[Row]:
+    """What was refitted; positions are in thousandths, on scales of 50 of them, factors in percent, of 30."""
     rows = []
     for name, estimate in report.nuisance.items():
-        kind, _, of = name.partition(" of ")
-        if kind == "zero":
-            shown, reach = _scaled(estimate, 1e3, 0.0, "mm" if of in slides else "mrad"), 50.0
+        if estimate.unit in ("rad", "m"):
+            shown, reach = _scaled(estimate, 1e3, 0.0, f"m{estimate.unit}"), 50.0
         elif estimate.unit != FACTOR_UNIT:
             shown, reach = estimate, 0.05
         else:

@@ -62,7 +62,7 @@
 
   const drawRollouts = (box, i) => {
     const rollout = data.rollouts[i], time = floats(rollout.time), traces = [], heights = [], titles = [], names = [];
-    data.joints.forEach((joint, j) => {
+    data.channels.forEach((joint, j) => {
       const measured = floats(rollout.measured[j]), first = j === 0, row = 2 * j;
       const fits = [["refitted", floats(rollout.refitted[j])]];
       if (data.differs) fits.push(["corrected", floats(rollout.corrected[j])]);
@@ -87,8 +87,8 @@
   };
 
   const drawResiduals = (box, i) => {
-    const piece = data.residuals[i], time = floats(piece.time), traces = [], layout = rows(data.joints.map(() => 170), data.joints.map((j) => plain(j.name)));
-    data.joints.forEach((joint, j) => {
+    const piece = data.residuals[i], time = floats(piece.time), traces = [], layout = rows(data.channels.map(() => 170), data.channels.map((j) => plain(j.name)));
+    data.channels.forEach((joint, j) => {
       const before = floats(piece.before[j]), after = floats(piece.after[j]);
       if (data.differs) traces.push(line("before", time, before, j, "refitted", 1.3, j === 0));
       traces.push(line(data.differs ? "after" : "refitted", time, after, j, data.differs ? "corrected" : "refitted", 1.3, j === 0));
@@ -98,13 +98,13 @@
       layout.shapes.push({ type: "rect", xref: "paper", yref: key("y", j), x0: 0, x1: 1, y0: -2, y1: 2, fillcolor: colour("corrected"), opacity: 0.1, line: { width: 0 }, layer: "below" });
     });
     layout.xaxis.range = ends(time);
-    shade(layout, piece.id, data.joints.map((j) => j.name));
+    shade(layout, piece.id, data.channels.map((j) => j.name));
     Plotly.react(box, traces, layout, narrow() ? still : config);
   };
 
   const drawWhiteness = (box) => {
     const which = data.differs ? [["before", "before", "refitted"], ["after", "after", "corrected"]] : [["after", "refitted", "refitted"]];
-    data.joints.forEach((joint, j) => {
+    data.channels.forEach((joint, j) => {
       const white = data.whiteness[j];
       const cells = [0, 1].map((k) => box.children[2 * j + k] || box.appendChild(document.createElement("div")));
       const said = which.map(([key, name]) => `${data.differs ? name + " " : ""}${(100 * white[key].within).toFixed(0)} %`).join(", ");

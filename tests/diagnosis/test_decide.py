@@ -1,0 +1,54 @@
+"""What stands where a step of the diagnosis fails."""
+
+import numpy as np
+import pytest
+from plants import problem_of, recordings
+
+from keycld_envs.errors import InputError
+from keycld_envs.systems import get_system
+from keycld_model.diagnosis import diagnose
+from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.observation import JointPositions
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.verdict.decide import Conclusion, doubted
+from keycld_model.diagnosis.verdict.dropped import Dropped
+from keycld_model.diagnosis.verdict.report import Unexplained
+
+
+def test_a_step_in_which_numbers_run_away_is_left_out_with_a_line():
+    dropped = Dropped()
+    assert dropped.tried("fine", lambda: 3) == 3 and not dropped
+    assert dropped.tried("singular", lambda: np.linalg.inv(np.zeros((2, 2)))) is None
+    assert len(dropped) == 1 and dropped[0].startswith("singular: ")
+
+
+def test_what_a_user_can_repair_and_bugs_are_not_left_out():
+    def fail(error: Exception):
+        raise error
+
+    for error in (InputError("record for longer."), AttributeError("q"), ValueError("shapes (2,) and (3,)")):
+        with pytest.raises(type(error)):
+            Dropped().tried("step", lambda error=error: fail(error))
+
+
+@pytest.mark.parametrize(
+    "verdict, significant, fraction, expected",
+    [
+        ("no_mismatch", True, 0.01, "undetermined"),
+        ("no_mismatch", False, 0.0, "no_mismatch"),
+        ("mismatch", True, 0.2, "undetermined"),
+        ("mismatch", True, 0.05, "mismatch"),
+    ],
+)
+def test_nothing_is_certain_where_more_than_noise_is_left(verdict, significant, fraction, expected):
+    model = get_system("pendulum").compile()
+    problem = problem_of(Simulator(model, 0.01), recordings("pendulum", 0, number=1, seconds=0.5))
+    fit = Fit(problem, problem.start(), 0.0, np.eye(0))
+    named = Conclusion(verdict, fit, fit, [], 0.0)
+    assert doubted(named, Unexplained(significant, fraction, None, "")).verdict == expected
+
+
+def test_positions_read_off_images_are_no_other_observation():
+    model = get_system("pendulum").compile()
+    with pytest.raises(InputError, match="tracked"):
+        diagnose([], model, tracked=True, observation=JointPositions(model))
