@@ -1,8 +1,6 @@
 """`python -m keycld_control` is the `keycld` command."""
 
-import sys
-
-from keycld_control.cli import main
+from keycld_control.cli import console
 
 if __name__ == "__main__":
-    sys.exit(main())
+    console()

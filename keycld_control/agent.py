@@ -1,6 +1,7 @@
 """`EnergyShapingAgent`: from one image per step to an action, with a world model and one target image."""
 
 from collections.abc import Callable, Mapping
+from numbers import Real
 from typing import Any, NamedTuple, get_args
 
 import jax
@@ -12,13 +13,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from keycld_control.law import LAWS, Law
 from keycld_control.limits import action_bounds
-from keycld_control.observer import Estimate, first_estimate, next_estimate
+from keycld_control.observer import Estimate, choose, first_estimate, predicted
 from keycld_control.plant import LearnedModel, Plant, energy, responses
+from keycld_control.plausibility import Plausibility, expect, shows_mechanism
 from keycld_control.pumping import Pump, PumpState, first_pump_state, plan_pumping, pumping_action
 from keycld_control.targets import check_image, find_target
+from keycld_control.trust import Trust, first_trust, judged, trusted
+from keycld_envs.checks import short
 from keycld_envs.errors import InputError
 
 DEFAULT_KP, DEFAULT_KD = 40.0, 10.0
+GRACE, FADING = 0.2, 0.1
+"""Seconds without a trusted image that the estimate runs on the model, and in which the action then fades to zero."""
 
 
 class Belief(NamedTuple):
@@ -29,12 +35,14 @@ class Belief(NamedTuple):
         action: `[m]` the action it chose.
         pump: memory of energy pumping.
         energy: learned T + V, in units of total mass 1 x (image units / s)^2.
+        trust: what is thought of the images.
     """
 
     estimate: Estimate
     action: Array
     pump: PumpState
     energy: Array
+    trust: Trust
 
 
 class EnergyShapingAgent:
@@ -43,6 +51,10 @@ class EnergyShapingAgent:
     Every call of `act` finds the keypoints in the image, corrects the state that the learned dynamics predicted, and
     applies the control law. Where an actuator is too weak to lift the mechanism, which the learned model tells, energy
     is pumped first.
+
+    An image is trusted if it shows the mechanism (see `keycld_control.plausibility`), agrees with the motion so far,
+    and does not merely repeat the one before. Without trusted images the estimate runs on the model for 0.2 s; then
+    the action fades to zero within 0.1 s. When images return, the agent begins anew, and acts once three of them agree.
 
     Args:
         model: a `keycld_model.WorldModel`.
@@ -81,10 +93,15 @@ class EnergyShapingAgent:
         if law not in LAWS:
             raise InputError(f"law must be one of {', '.join(map(repr, get_args(Law)))}, got {law!r}.")
         for name, gain in (("kp", kp), ("kd", kd)):
-            if not 0 < gain < np.inf:
-                raise InputError(f"{name} must be a positive finite number, got {gain!r}.")
+            if isinstance(gain, bool) or not isinstance(gain, Real) or not 0 < gain < np.inf:
+                raise InputError(f"{name} must be a positive finite number, got {short(gain)}.")
         bounds = action_bounds(model.system, model.mechanism.num_actions, action_space, action_limit)
         low, high = jnp.asarray(bounds[0]), jnp.asarray(bounds[1])
+        if not model.constrained:
+            raise InputError(
+                "Energy shaping needs a model whose rods and sliders hold its masses, which this one's do not; train "
+                'one with motion="constrained", for instance with --preset default.'
+            )
         self._image_shape = model.image_shape
         target = find_target(model, target_img)
         plant = Plant.of(model)
@@ -94,10 +111,12 @@ class EnergyShapingAgent:
         self.target_energy = float(jax.jit(model.potential_energy_fn)(target))
         self.pivot: NDArray[np.float32] = np.asarray(model.pivot)
         self.pumps = pump is not None
+        known = expect(model, plant, target)
         self._first, self._next = _compile(
-            plant, model.keypoints_fn, target, float(kp), float(kd), law, pump, low, high
+            plant, model.keypoints_fn, known, target, float(kp), float(kd), law, pump, low, high
         )
         self._belief: Belief | None = None
+        self._image: NDArray[Any] | None = None
 
     def act(self, obs: ArrayLike | Mapping[str, Any]) -> NDArray[np.float32]:
         """Choose the action for the next step.
@@ -107,22 +126,38 @@ class EnergyShapingAgent:
                 per control step: the agent assumes that the action it returned before has been applied since.
 
         Returns:
-            `[m]` action within the bounds.
+            `[m]` action within the bounds; zero if images cannot be trusted any more, see `trusted`.
 
         Raises:
-            InputError: if the image has the wrong shape or type, or is not finite.
+            InputError: if the image has the wrong shape or type, or is not finite, or the model's answer to it is not.
         """
         if isinstance(obs, Mapping):
             if "pixels" not in obs:
                 raise InputError(f"The observation has no 'pixels', only {sorted(obs)}; use obs_type='pixels'.")
             obs = obs["pixels"]
         image = check_image("The observation", obs, self._image_shape)
-        self._belief = self._first(image) if self._belief is None else self._next(self._belief, image)
-        return np.asarray(self._belief.action)
+        if self._belief is None:
+            belief = self._first(image)
+        else:
+            repeated = self._image is not None and np.array_equal(self._image, image)
+            belief = self._next(self._belief, image, repeated)
+        action = np.asarray(belief.action)
+        if not np.isfinite(action).all():
+            raise InputError(
+                "The model's answer to the image is not finite; its weights may be damaged, load another copy or train "
+                "again."
+            )
+        self._belief, self._image = belief, np.array(image)
+        return action
 
     def reset(self) -> None:
         """Forget the past; call at the start of every episode."""
-        self._belief = None
+        self._belief = self._image = None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the last image showed the mechanism where it was expected, so that the action rests on it."""
+        return bool(trusted(self._known.trust))
 
     @property
     def keypoints(self) -> NDArray[np.float32]:
@@ -161,6 +196,7 @@ def _check_actuation(plant: Plant, target: Array) -> None:
 def _compile(
     plant: Plant,
     see: Callable[[Array], Array],
+    known: Plausibility,
     target: Array,
     kp: float,
     kd: float,
@@ -168,23 +204,35 @@ def _compile(
     pump: Pump | None,
     low: Array,
     high: Array,
-) -> tuple[Callable[[ArrayLike], Belief], Callable[[Belief, ArrayLike], Belief]]:
+) -> tuple[Callable[[ArrayLike], Belief], Callable[[Belief, ArrayLike, ArrayLike], Belief]]:
     """The agent's two programs: for the first image of an episode, and for every further one."""
+    grace, fading = round(GRACE / plant.timestep), max(1, round(FADING / plant.timestep))
 
-    def decide(estimate: Estimate, memory: PumpState) -> Belief:
+    def decide(estimate: Estimate, memory: PumpState, trust: Trust) -> Belief:
         x, v = estimate.x, estimate.v
         action = LAWS[law](plant, x, v, target, kp, kd, low, high)
         if pump is not None:
             memory, pumping = pumping_action(plant, pump, memory, x, v, target, kp, kd, low, high)
             action = jnp.where(memory.caught, action, pumping)
-        action = jnp.clip(jnp.nan_to_num(action), low, high)
-        return Belief(estimate, action, memory, energy(plant, x, v))
+        weight = jnp.where(trust.beginning, 0.0, jnp.clip((grace + fading - trust.unseen) / fading, 0.0, 1.0))
+        action = jnp.where(weight > 0, weight * jnp.clip(action, low, high), 0.0)
+        return Belief(estimate, action, memory, energy(plant, x, v), trust)
 
     def first(image: ArrayLike) -> Belief:
-        return decide(first_estimate(plant, see(jnp.asarray(image))), first_pump_state())
+        pixels = jnp.asarray(image)
+        keypoints = see(pixels)
+        estimate = first_estimate(plant, keypoints)
+        shown = shows_mechanism(plant, known, pixels, keypoints)
+        return decide(estimate, first_pump_state(), first_trust(estimate, jnp.where(shown, 0, grace + fading)))
 
-    def following(belief: Belief, image: ArrayLike) -> Belief:
-        keypoints = see(jnp.asarray(image))
-        return decide(next_estimate(plant, belief.estimate, belief.action, keypoints), belief.pump)
+    def following(belief: Belief, image: ArrayLike, repeated: ArrayLike) -> Belief:
+        pixels, blind = jnp.asarray(image), belief.trust.unseen >= grace + fading
+        keypoints = see(pixels)
+        shown = shows_mechanism(plant, known, pixels, keypoints)
+        prior = choose(blind, belief.estimate, predicted(plant, belief.estimate, belief.action))
+        estimate, trust = judged(
+            plant, belief.trust, prior, belief.action, keypoints, shown, jnp.asarray(repeated), blind
+        )
+        return decide(estimate, belief.pump, trust)
 
     return jax.jit(first), jax.jit(following)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from keycld_control.agent import DEFAULT_KD, DEFAULT_KP, EnergyShapingAgent
 from keycld_control.law import Law
 from keycld_envs import InputError, KeyCLDEnv, resolve_env_id
+from keycld_envs.registration import same_system
 from keycld_envs.success import SuccessMonitor
 from keycld_envs.systems import Start
 from keycld_model import WorldModel
@@ -149,10 +150,8 @@ def run_episode(loop: Loop, seed: int, on_step: OnStep | None = None) -> Episode
 def _check_system(model: WorldModel, env: KeyCLDEnv, env_id: str) -> None:
     """Refuse the weights of another system."""
     trained = model.system
-    if trained is None:
-        same = model.mechanism == env.system.mechanism
-    else:
-        with closing(gym.make(resolve_env_id(trained), disable_env_checker=True)) as other:
-            same = other.get_wrapper_attr("system") == env.system
+    same = model.mechanism == env.system.mechanism if trained is None else same_system(trained, env_id)
     if not same:
-        raise InputError(f"The weights were trained on {trained or 'another mechanism'}, not on {env_id}.")
+        raise InputError(
+            f"The weights were trained on {trained or 'another mechanism'}, not on {env_id}; name its own."
+        )

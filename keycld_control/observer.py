@@ -22,7 +22,7 @@ ACCELERATION_NOISE = 2.0
 INITIAL_SPEED = 3.0
 """Standard deviation of the unknown velocity in the first frame, image units per second."""
 LOST = 0.25
-"""Keypoints further than this from their prediction, image units, start the filter anew."""
+"""Keypoints further than this from their prediction, image units, are those of another motion."""
 
 
 class Estimate(NamedTuple):
@@ -45,16 +45,25 @@ def first_estimate(plant: Plant, keypoints: Array) -> Estimate:
     return Estimate(x, v, jnp.array([KEYPOINT_NOISE**2, 0.0, INITIAL_SPEED**2], keypoints.dtype))
 
 
-def next_estimate(plant: Plant, estimate: Estimate, action: Array, keypoints: Array) -> Estimate:
-    """Predict one frame ahead under the action `[m]`, then correct with the keypoints `[n]` seen there."""
+def predicted(plant: Plant, estimate: Estimate, action: Array) -> Estimate:
+    """What is known one frame later, under the action `[m]`, before anything is seen."""
     h = plant.timestep
     x, v = rk4_step(lambda x, v: acceleration(plant, x, v, action), estimate.x, estimate.v, h)
     p, c, s = estimate.covariance
     q = ACCELERATION_NOISE**2
-    p, c, s = p + 2 * h * c + h**2 * s + q * h**4 / 4, c + h * s + q * h**3 / 2, s + q * h**2
+    covariance = jnp.stack([p + 2 * h * c + h**2 * s + q * h**4 / 4, c + h * s + q * h**3 / 2, s + q * h**2])
+    return Estimate(x, v, covariance)
+
+
+def corrected(plant: Plant, prior: Estimate, keypoints: Array) -> Estimate:
+    """What is known with the keypoints `[n]` seen."""
+    p, c, s = prior.covariance
     gain_x, gain_v = p / (p + KEYPOINT_NOISE**2), c / (p + KEYPOINT_NOISE**2)
-    surprise = keypoints - x
-    x, v = project(plant, x + gain_x * surprise, v + gain_v * surprise)
-    seen = Estimate(x, v, jnp.stack([(1 - gain_x) * p, (1 - gain_x) * c, s - gain_v * c]))
-    found = jnp.max(jnp.abs(surprise)) < LOST  # also false for NaN
-    return jax.tree.map(lambda a, b: jnp.where(found, a, b), seen, first_estimate(plant, keypoints))
+    surprise = keypoints - prior.x
+    x, v = project(plant, prior.x + gain_x * surprise, prior.v + gain_v * surprise)
+    return Estimate(x, v, jnp.stack([(1 - gain_x) * p, (1 - gain_x) * c, s - gain_v * c]))
+
+
+def choose(condition: Array, one: Estimate, other: Estimate) -> Estimate:
+    """One estimate where a condition holds, and another where it does not."""
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), one, other)

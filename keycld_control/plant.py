@@ -18,6 +18,7 @@ class LearnedModel(Protocol):
     Attributes:
         system: name or environment id of the system it was trained on, or None.
         mechanism: the declared mechanism.
+        constrained: its rods and sliders hold the masses in the model's equations of motion, too.
         masses: `[K]`; that they sum to 1 fixes the common scale of (M, V, g).
         level: `[c]` values of the constraints.
         pivot: `[2]`, image units.
@@ -33,6 +34,8 @@ class LearnedModel(Protocol):
     def system(self) -> str | None: ...  # noqa: D102
     @property
     def mechanism(self) -> Mechanism: ...  # noqa: D102
+    @property
+    def constrained(self) -> bool: ...  # noqa: D102
     @property
     def masses(self) -> Any: ...  # noqa: D102
     @property

@@ -1,12 +1,10 @@
 """Clips of an episode: what the agent saw, the keypoints it found, and the energy it reckoned."""
 
 import math
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
@@ -15,6 +13,7 @@ from keycld_control.closed_loop import Episode, Loop, LoopSettings, make_loop, r
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
 from keycld_envs.mechanism import Mechanism
+from keycld_envs.recordings.video import write_video
 
 SUFFIXES = (".mp4", ".gif")
 PANEL, STRIP = 384, 96
@@ -126,7 +125,11 @@ def draw_clip(
 
 
 def write_clip(path: Path, pictures: Iterator[NDArray[np.uint8]], frame_rate: float) -> None:
-    """Write pictures `[H, W, 3]` uint8 of even size as .mp4 or .gif; the file appears only when complete."""
+    """Write pictures `[H, W, 3]` uint8 of even size as .mp4 or .gif; the file appears only when complete.
+
+    Raises:
+        InputError: if it could not be written whole.
+    """
     with atomic_file(path) as file:
         if path.suffix.lower() == ".gif":
             images = [Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE) for picture in pictures]
@@ -135,21 +138,14 @@ def write_clip(path: Path, pictures: Iterator[NDArray[np.uint8]], frame_rate: fl
                 file, "GIF", save_all=True, append_images=images[1:], duration=milliseconds, loop=0, optimize=True
             )
             return
-        writer = imageio_ffmpeg.write_frames(
-            file.name,
+        write_video(
+            Path(file.name),
+            pictures,
             (PANEL, PANEL + STRIP),
-            fps=frame_rate,  # pyright: ignore[reportArgumentType]
+            frame_rate,
             codec="libx264",
-            quality=None,  # pyright: ignore[reportArgumentType]
-            macro_block_size=1,
             output_params=["-crf", "20", "-preset", "fast", "-movflags", "+faststart", "-f", "mp4"],
         )
-        with warnings.catch_warnings():  # subprocess runs a program at once, so JAX's threads are in no danger
-            warnings.filterwarnings("ignore", "os.fork", RuntimeWarning)
-            writer.send(None)
-        for picture in pictures:
-            writer.send(np.ascontiguousarray(picture))
-        writer.close()
 
 
 def _to_canvas(points: NDArray[np.float32], shape: tuple[int, ...], panel: int) -> NDArray[np.float64]:

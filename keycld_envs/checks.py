@@ -1,10 +1,9 @@
 """Checks of what users hand in; every failure is an `InputError` of one sentence."""
 
 import difflib
-import math
 from collections.abc import Sequence
 from numbers import Integral, Real
-from typing import Literal
+from typing import Literal, cast
 
 import mujoco
 import numpy as np
@@ -12,6 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from keycld_envs.errors import InputError
 
+LARGEST_SIDE = 8192
+"""Pixels of an image's side."""
+LONGEST_VALUE = 80
+"""Characters of a value in a message."""
 ObsType = Literal["pixels", "state", "pixels_state"]
 
 
@@ -21,8 +24,8 @@ def check_choice(name: str, value: object, choices: Sequence[object]) -> None:
     Raises:
         InputError: if it is none.
     """
-    if value not in choices:
-        raise InputError(f"{name} must be one of {', '.join(map(repr, choices))}, got {value!r}.")
+    if not isinstance(value, str | None) or value not in choices:
+        raise InputError(f"{name} must be one of {', '.join(map(repr, choices))}, got {short(value)}.")
 
 
 def check_size(name: str, value: int) -> int:
@@ -31,8 +34,10 @@ def check_size(name: str, value: int) -> int:
     Raises:
         InputError: if it is not.
     """
-    if not isinstance(value, Integral) or value < 2:
-        raise InputError(f"{name} must be a whole number of at least 2 pixels, got {value!r}.")
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 2:
+        raise InputError(f"{name} must be a whole number of at least 2 pixels, got {short(value)}.")
+    if value > LARGEST_SIDE:
+        raise InputError(f"{name} must be {LARGEST_SIDE} pixels at most, got {short(value)}.")
     return int(value)
 
 
@@ -42,9 +47,29 @@ def check_action_limit(value: float) -> float:
     Raises:
         InputError: if it is not.
     """
-    if not isinstance(value, Real) or not 0 < value < math.inf:
-        raise InputError(f"action_limit must be a positive finite number, got {value!r}.")
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value <= 1e300:
+        raise InputError(f"action_limit must be a positive finite number, got {short(value)}.")
     return float(value)
+
+
+def check_whole(name: str, value: object, least: int, most: int) -> None:
+    """Refuse what is no whole number between two others.
+
+    Raises:
+        InputError: if it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= cast(int, value) <= most:
+        raise InputError(f"{name} is {short(value)}; it must be a whole number from {least} to {most}.")
+
+
+def check_number(name: str, value: object, above: float, most: float) -> None:
+    """Refuse what is no number above one and up to another.
+
+    Raises:
+        InputError: if it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, Real) or not above < cast(float, value) <= most:
+        raise InputError(f"{name} is {short(value)}; it must be a number above {above:g}, up to {most:g}.")
 
 
 def check_camera(model: mujoco.MjModel, name: str) -> str:
@@ -54,11 +79,20 @@ def check_camera(model: mujoco.MjModel, name: str) -> str:
         InputError: if it has none.
     """
     cameras = [model.camera(i).name for i in range(model.ncam)]
-    if name not in cameras:
+    if not isinstance(name, str) or name not in cameras:
         similar = difflib.get_close_matches(str(name), cameras, n=1)
         hint = f"did you mean {similar[0]!r}?" if similar else f"it has {', '.join(map(repr, cameras)) or 'none'}."
-        raise InputError(f"The model has no camera {name!r}; {hint}")
+        raise InputError(f"The model has no camera {short(name)}; {hint}")
     return name
+
+
+def short(value: object) -> str:
+    """How a value is written in a message: the first characters of its `repr`, in one line."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception as error:  # of a class of somebody else's, or an integer of too many digits
+        text = f"a {type(value).__name__} ({error})"
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
 
 def finite_vector(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
@@ -69,10 +103,10 @@ def finite_vector(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]
     """
     try:
         vector = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must be {size} numbers, got {value!r}.") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name} must be {size} numbers, got {short(value)}.") from error
     if vector.shape != (size,):
         raise InputError(f"{name} must have shape ({size},), got {vector.shape}.")
     if not np.isfinite(vector).all():
-        raise InputError(f"{name} must be finite, got {vector.tolist()}.")
+        raise InputError(f"{name} must be finite, got {short(vector.tolist())}.")
     return vector

@@ -16,11 +16,13 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
 from keycld_envs import __version__
+from keycld_envs.checks import check_number, check_size, check_whole
 from keycld_envs.env import KeyCLDEnv
 from keycld_envs.errors import InputError
-from keycld_envs.files import atomic_file
+from keycld_envs.files import atomic_file, one_writer
 from keycld_envs.policies import get_policy
 from keycld_envs.progress import progress
+from keycld_envs.reading import read_json
 from keycld_envs.recordings import Recording, write_recording
 from keycld_envs.registration import resolve_env_id, spec_of
 from keycld_envs.rendering import Quality
@@ -35,7 +37,8 @@ class CollectSettings:
     """What determines every pixel of a collected data set, except its number of episodes.
 
     Attributes:
-        env_id: environment id, for instance "KeyCLD/Acrobot-v0", or "my_module:MyLab/Slider-v0" of a module of yours.
+        env_id: environment id or short name, for instance "KeyCLD/Acrobot-v0", or "my_module:MyLab/Slider-v0" of a
+            module of yours; short names become ids.
         steps: frames per episode; frame 0 shows the initial state, and steps - 1 actions are applied.
         policy: name of the excitation, see `keycld_envs.policies`.
         action_range: actions are drawn within ± this bound (control units); None means ±3, the paper's range, or
@@ -60,12 +63,15 @@ class CollectSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "env_id", resolve_env_id(self.env_id))
         get_policy(self.policy)
-        for name, least in (("steps", 2), ("width", 2), ("height", 2), ("seed", 0), ("velocity", 0)):
-            if not getattr(self, name) >= least:
-                raise InputError(f"{name} is {getattr(self, name)}; it must be at least {least}.")
-        if self.action_range is not None and not 0 < self.action_range < np.inf:
-            raise InputError(f"action_range is {self.action_range}; it must be positive.")
+        for name, least, most in (("steps", 2, 10**9), ("seed", 0, 2**63)):
+            check_whole(name, getattr(self, name), least, most)
+        check_size("width", self.width)
+        check_size("height", self.height)
+        check_number("velocity", self.velocity, -1e-300, 1e6)
+        if self.action_range is not None:
+            check_number("action_range", self.action_range, 0.0, 1e300)
 
 
 @dataclass(frozen=True)
@@ -102,12 +108,20 @@ def collect(out: str | os.PathLike[str], settings: CollectSettings, episodes: in
 
     Raises:
         InputError: if the folder was collected with other settings, holds more recordings or something else,
-            an argument is out of range, or no OpenGL is available.
+            another process writes to it, an argument is out of range, or no OpenGL is available.
     """
     out = Path(out)
     if episodes < 1 or workers < 1:
         raise InputError(f"episodes is {episodes} and workers is {workers}; both must be at least 1.")
-    _prepare_folder(out, settings)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file; name a folder.")
+    with one_writer(out):
+        _prepare_folder(out, settings)
+        return _complete(out, settings, episodes, workers)
+
+
+def _complete(out: Path, settings: CollectSettings, episodes: int, workers: int) -> CollectSummary:
+    """Record what a prepared folder lacks."""
     complete = {p.name for p in out.iterdir() if p.is_dir() and not p.name.startswith(".")}
     wanted = {episode_id(i): i for i in range(episodes)}
     if extra := complete - wanted.keys():
@@ -184,7 +198,7 @@ def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int) -> Rec
 
 def make_env(settings: CollectSettings) -> KeyCLDEnv:
     """The bare environment that `settings` describe; close it after use."""
-    env_id = resolve_env_id(settings.env_id)
+    env_id = settings.env_id
     if not _makes_keycld_env(env_id):
         raise InputError(f"{env_id} is no KeyCLD environment; declare it as a keycld_envs.System.")
     env = gym.make(
@@ -232,14 +246,12 @@ def _describe_camera(env: KeyCLDEnv) -> dict[str, Any]:
 def _prepare_folder(out: Path, settings: CollectSettings) -> None:
     """Create the folder with its settings, or check that its recordings were made with the same ones."""
     path = out / SETTINGS_FILE
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file; name a folder.")
-    if not out.exists() or all(p.name == SETTINGS_FILE or p.name.startswith(".") for p in out.iterdir()):
+    if all(p.name == SETTINGS_FILE or p.name.startswith(".") for p in out.iterdir()):
         with atomic_file(path, "w") as file:
             json.dump(asdict(settings), file, indent=1)
         return
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = read_json(path)
     except (OSError, ValueError) as error:
         raise InputError(f"{out} exists and was not made by `keycld collect`; choose another folder.") from error
     for name, value in asdict(settings).items():

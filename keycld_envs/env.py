@@ -10,7 +10,7 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
-from keycld_envs.checks import ObsType, check_action_limit, check_camera, check_choice, check_size, finite_vector
+from keycld_envs.checks import ObsType, check_action_limit, check_camera, check_choice, check_size, finite_vector, short
 from keycld_envs.effects import Effect
 from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.errors import InputError
@@ -20,6 +20,7 @@ from keycld_envs.systems import Start, System, get_system
 
 RENDER_SIZE = 480
 """Width and height of frames for people, pixels."""
+_DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
@@ -127,7 +128,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         self.render_width = check_size("render_width", render_width)
         self.render_height = check_size("render_height", render_height)
         self.render_quality: Quality = render_quality
-        self.start: Start = start or self.system.start
+        self.start: Start = self.system.start if start is None else start
         self.render_mode = render_mode
         check_choice("obs_type", obs_type, get_args(ObsType))
         check_choice("render_quality", render_quality, get_args(Quality))
@@ -140,7 +141,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
 
         self.model = self.system.compile()
         self.data = mujoco.MjData(self.model)
-        self.camera = check_camera(self.model, camera or self.system.camera)
+        self.camera = check_camera(self.model, self.system.camera if camera is None else camera)
         limit = self.system.action_limit if action_limit is None else check_action_limit(action_limit)
         if limit is not None:
             self.model.actuator_ctrllimited[:] = True
@@ -166,9 +167,11 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
             InputError: if an option is unknown, of the wrong length, or not finite.
         """
         super().reset(seed=seed)
+        if options is not None and not isinstance(options, Mapping):
+            raise InputError(f"reset options must map 'qpos' and 'qvel' to numbers, got {short(options)}.")
         options = options or {}
         if unknown := set(options) - {"qpos", "qvel"}:
-            raise InputError(f"reset options may have 'qpos' and 'qvel', not {sorted(unknown)}.")
+            raise InputError(f"reset options may have 'qpos' and 'qvel', not {sorted(unknown, key=repr)}.")
         qpos, qvel = self.system.sample_start(self.start, self.np_random)
         if "qpos" in options:
             qpos, qvel = finite_vector("qpos", options["qpos"], self.model.nq), np.zeros(self.model.nv)
@@ -193,10 +196,9 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         """
         control = finite_vector("action", action, self.model.nu)
         np.clip(control, self.action_space.low, self.action_space.high, out=self.data.ctrl)
-        before = self.data.time
         for _ in self._effects.steps(self.data, self._substeps) if self._effects else range(self._substeps):
             _physics_step(self.model, self.data)
-        if self.data.time <= before:  # MuJoCo resets a diverging simulation
+        if any(self.data.warning[kind].number for kind in _DIVERGED):  # MuJoCo has reset the simulation
             raise InputError("The simulation diverged; use smaller actions, velocities, or time steps.")
         reward = self.system.reward(self.model, self.data) if self.system.reward else self._success.at_target(self.data)
         return self._observation(), float(reward), False, False, self._info()

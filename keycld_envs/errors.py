@@ -1,4 +1,7 @@
-"""The one exception that a user can cause and repair."""
+"""The one error type for what a user can cause and repair."""
+
+LONGEST = 1000
+"""Characters of a message; of a longer one, which quotes much of a damaged file, the middle is left out."""
 
 
 class InputError(ValueError):
@@ -7,3 +10,7 @@ class InputError(ValueError):
     The message is one sentence that names the file or field and the remedy. Every layer raises it;
     the command line prints it without a traceback and exits with code 2.
     """
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} [...] {text[-LONGEST // 2 :]}"

@@ -1,11 +1,17 @@
 """Writing that a kill cannot damage: a path holds the old content, the whole new content, or nothing."""
 
+import errno
+import fcntl
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
+
+from keycld_envs.errors import InputError
+
+LOCK = ".lock"
 
 
 @contextmanager
@@ -66,6 +72,30 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
         raise
     _sync(path.parent)
+
+
+@contextmanager
+def one_writer(folder: str | os.PathLike[str]) -> Iterator[None]:
+    """Let no other process write to a folder in the meantime; a process that is killed leaves no lock behind.
+
+    Args:
+        folder: created if absent.
+
+    Raises:
+        InputError: if another process is writing to it.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / LOCK, "w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
+                raise
+            raise InputError(
+                f"{folder} is being written to by another process; wait until it ends, or choose another folder."
+            ) from error
+        yield
 
 
 def partial_path(path: Path) -> Path:

@@ -6,10 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
+import mujoco
+
 from keycld_envs.errors import InputError
 
 _ASSETS = Path(__file__).parent / "assets"
 _COMMON = ("visual", "skybox", "materials")
+SHORTEST_STEP, LONGEST_STEP = 1e-5, 0.1
+"""Seconds; a shorter step takes hours for what a recording shows, in a longer one no mechanism moves as it should."""
 
 
 class EditError(RuntimeError):
@@ -97,7 +101,7 @@ def read_suite(domain: str) -> tuple[str, dict[str, bytes]]:
     return (_ASSETS / f"{domain}.xml").read_text(encoding="utf-8"), assets
 
 
-def refused(name: str, error: ValueError) -> InputError:
+def refused(name: str, error: Exception) -> InputError:
     """The error to raise for an MJCF document that MuJoCo refuses, in one sentence.
 
     Args:
@@ -110,6 +114,20 @@ def refused(name: str, error: ValueError) -> InputError:
     line = re.search(r"Line number=([1-9]\d*)", reason)
     where = f" from line {line[1]} on" if line else ""
     return InputError(f"{name} is no XML{where}; hand in a MuJoCo XML file (MJCF).")
+
+
+def check_step(name: str, model: mujoco.MjModel) -> None:
+    """Refuse a time step that no simulation can be made with.
+
+    Raises:
+        InputError: if it is not between `SHORTEST_STEP` and `LONGEST_STEP`.
+    """
+    step = float(model.opt.timestep)
+    if not SHORTEST_STEP <= step <= LONGEST_STEP:
+        raise InputError(
+            f"{name} has a time step of {step:g} s; write one between {SHORTEST_STEP:g} and {LONGEST_STEP:g} s, "
+            '<option timestep="0.002"/>.'
+        )
 
 
 def _find_one(root: ElementTree.Element, path: str) -> ElementTree.Element:

@@ -91,8 +91,13 @@ def create_context(width: int, height: int) -> Any:
 
 def no_opengl(reason: str) -> InputError:
     """The error for a machine without a usable OpenGL."""
-    backend = _backend()
+    backend, display = _backend(), os.environ.get("DISPLAY")
     packages = _PACKAGES.get(backend, " or ".join(_PACKAGES.values()))
+    if display and backend not in _LIBRARIES and platform.system() == "Linux":
+        return InputError(
+            f"Images cannot be rendered on the display DISPLAY={display} ({reason.strip().rstrip('.')}): set "
+            "MUJOCO_GL=egl, which needs none, or use obs_type='state' without rendering."
+        )
     return InputError(
         f"Images cannot be rendered with MUJOCO_GL={backend or '(unset)'} ({reason.strip().rstrip('.')}): install a "
         f"software renderer (Debian, Ubuntu: apt-get install {packages}) and unset MUJOCO_GL, or use "

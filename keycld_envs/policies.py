@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.checks import short
 from keycld_envs.errors import InputError
 
 ZERO_FRACTION = 0.2
@@ -45,6 +46,8 @@ def get_policy(name: str) -> Policy:
     Raises:
         InputError: if there is none; the message suggests a name.
     """
+    if not isinstance(name, str):
+        raise InputError(f"policy must be a name, got {short(name)}.")
     if name not in POLICIES:
         similar = difflib.get_close_matches(name.lower(), POLICIES, n=1) or sorted(POLICIES)
         raise InputError(f"There is no policy {name!r}; did you mean {' or '.join(map(repr, similar))}?")

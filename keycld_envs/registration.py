@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec
 
+from keycld_envs.checks import short
 from keycld_envs.errors import InputError
 from keycld_envs.systems import REFERENCE_SYSTEMS, SYSTEMS, System, get_system
 
@@ -61,6 +62,8 @@ def resolve_env_id(name: str) -> str:
     Raises:
         InputError: if there is none; the message suggests similar names.
     """
+    if not isinstance(name, str):
+        raise InputError(f"An environment is named by an id, got {short(name)}.")
     module, colon, bare = name.rpartition(":")
     if module == "keycld_envs":
         module, colon = "", ""
@@ -68,9 +71,9 @@ def resolve_env_id(name: str) -> str:
         _import(module, name)
     if bare in gym.registry:
         return module + colon + bare
-    short = bare.lower().replace("_", "-")
-    if short in _SHORT_NAMES:
-        return module + colon + _SHORT_NAMES[short]
+    hyphened = bare.lower().replace("_", "-")
+    if hyphened in _SHORT_NAMES:
+        return module + colon + _SHORT_NAMES[hyphened]
     known = {key.lower(): key for key in (*_SHORT_NAMES, *_known_ids())}
     similar = [known[key] for key in difflib.get_close_matches(bare.lower(), known, n=3)] or sorted(_SHORT_NAMES)
     raise InputError(
@@ -88,6 +91,23 @@ def bare_id(env_id: str) -> str:
         The id without the module, such as "MyLab/Slider-v0".
     """
     return env_id.rpartition(":")[2]
+
+
+def same_system(one: str, other: str) -> bool:
+    """Whether two environments, by id or short name, are of the same system.
+
+    Of ids that nothing here registers, those are the same that are equal but for the module that registers them.
+
+    Args:
+        one: an id, an alias or a short name; with or without a module.
+        other: the same.
+    """
+    if bare_id(one) == bare_id(other):
+        return True
+    try:
+        return system_of(one) == system_of(other)
+    except InputError:
+        return False
 
 
 def spec_of(name: str) -> EnvSpec:

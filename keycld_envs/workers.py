@@ -2,10 +2,13 @@
 
 import logging
 import multiprocessing
+import multiprocessing.process
 import os
 import signal
 import socket
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -19,6 +22,8 @@ RETRIES = 5
 """Times that work is done again whose machine was lost."""
 KNOCK = 10.0
 """Seconds to wait for a cluster to answer."""
+CLEANING = 0.8
+"""Seconds that a process has to remove what it was writing before it is killed."""
 ONE_THREAD = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 """For `XLA_FLAGS` of processes among others, whose threads would wait for each other's."""
 
@@ -45,11 +50,17 @@ def map_in_processes(function: Callable[[T], R], items: Iterable[T], workers: in
     Raises:
         InputError: if a worker process dies.
     """
+    others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker)
     try:
-        yield from pool.map(function, items)
+        results = deque(pool.submit(function, item) for item in items)
+        while results:  # not pool.map, which cancels on its way out what the pool then cannot give up
+            yield results.popleft().result()
     except BrokenProcessPool as error:
         raise InputError("A worker process died, perhaps for want of memory; run again with fewer workers.") from error
+    except BaseException:  # interrupted, or nobody asks for more: what they do now is not waited for
+        end_processes([p for p in multiprocessing.active_children() if p not in others])
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -107,9 +118,20 @@ def _call(function: Callable[[T], R], item: T) -> R:
     return function(item)
 
 
+def end_processes(processes: Sequence[multiprocessing.process.BaseProcess]) -> None:
+    """End processes within a second, most of them after they have removed what they were writing."""
+    for process in processes:
+        process.terminate()
+    deadline = time.monotonic() + CLEANING
+    for process in processes:
+        process.join(max(0.0, deadline - time.monotonic()))
+        process.kill()
+
+
 def _start_worker() -> None:
-    """Leave Ctrl-C to the parent, and end when the parent is killed."""
+    """Leave Ctrl-C to the parent, clean up when it ends this process, and end when it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _clean_up)
 
     def follow_parent() -> None:
         parent = multiprocessing.parent_process()
@@ -118,3 +140,10 @@ def _start_worker() -> None:
         os._exit(1)
 
     threading.Thread(target=follow_parent, daemon=True).start()
+
+
+def _clean_up(*_: object) -> None:
+    """Leave what is being done, and this process."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    threading.Timer(CLEANING / 2, os._exit, (143,)).start()
+    raise SystemExit(143)

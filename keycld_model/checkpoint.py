@@ -1,5 +1,6 @@
 """Checkpoints: a folder with `weights.safetensors` and `checkpoint.json`, never pickle."""
 
+import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -14,9 +15,11 @@ from safetensors.numpy import load, save
 
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
+from keycld_envs.reading import check_file, parse_json
 
-SCHEMA = "keycld.checkpoint/1"
+SCHEMA = "keycld.checkpoint/2"
 WEIGHTS, META = "weights.safetensors", "checkpoint.json"
+UNSEALED = "0" * 64
 Tree = dict[str, Any]
 
 
@@ -66,12 +69,12 @@ def write_checkpoint(folder: str | os.PathLike[str], tensors: Mapping[str, Any],
         The folder.
     """
     folder = Path(folder)
-    text = json.dumps({"schema": SCHEMA, **meta, "versions": versions()}, indent=1)
-    payload = save(flatten(tensors), {"checkpoint": text})
+    text = json.dumps({"schema": SCHEMA, "sha256": UNSEALED, **meta, "versions": versions()}, indent=1)
+    payload, seal = _sealed(save(flatten(tensors), {"checkpoint": text}))
     with atomic_file(folder / WEIGHTS) as file:
         file.write(payload)
     with atomic_file(folder / META, "w") as file:
-        file.write(text + "\n")
+        file.write(text.replace(UNSEALED, seal, 1) + "\n")
     return folder
 
 
@@ -84,19 +87,23 @@ def read_checkpoint(folder: str | os.PathLike[str]) -> tuple[Tree, dict[str, Any
         The nested dictionary of arrays, and the description.
 
     Raises:
-        InputError: if a file is missing, damaged or of another version.
+        InputError: if a file is missing, of another version, not as it was written (its SHA-256 is in it), or holds
+            numbers that are not finite.
     """
     folder = Path(folder)
     path = folder / WEIGHTS
     if not path.is_file():
         raise InputError(f"{folder} holds no {WEIGHTS}; name a checkpoint folder, as `keycld train` writes it.")
-    payload = path.read_bytes()
     try:
-        length = int.from_bytes(payload[:8], "little")
-        header = json.loads(payload[8 : 8 + length])
-        meta = {**json.loads(header["__metadata__"]["checkpoint"])}
+        payload = check_file(path).read_bytes()
+        header = parse_json(payload[8 : 8 + int.from_bytes(payload[:8], "little")])
+        meta = {**parse_json(header["__metadata__"]["checkpoint"])}
+        if meta.get("schema") == SCHEMA:
+            unsealed = payload.replace(meta["sha256"].encode(), UNSEALED.encode(), 1)
+            if _sealed(unsealed)[0] != payload:
+                raise ValueError("its checksum is another")
         tensors = load(payload)
-    except (SafetensorError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (SafetensorError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path} is damaged ({error}); train again or restore a copy.") from error
     if meta.get("schema") != SCHEMA:
         writer = meta.get("versions", {}).get("keycld", "(unknown)")
@@ -104,4 +111,13 @@ def read_checkpoint(folder: str | os.PathLike[str]) -> tuple[Tree, dict[str, Any
             f"{path} has schema {meta.get('schema')!r}, this version reads {SCHEMA!r}; use keycld {writer}, which "
             "wrote it, or train again."
         )
+    for name, array in tensors.items():
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise InputError(f"{path}: {name} holds numbers that are not finite; train again or restore a copy.")
     return unflatten(tensors), meta
+
+
+def _sealed(payload: bytes) -> tuple[bytes, str]:
+    """A safetensors file with its SHA-256 in place of `UNSEALED`, with which it is reckoned, and the SHA-256."""
+    seal = hashlib.sha256(payload).hexdigest()
+    return payload.replace(UNSEALED.encode(), seal.encode(), 1), seal

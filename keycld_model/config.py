@@ -4,12 +4,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal, get_args
 
+from keycld_envs.checks import check_number, check_whole
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
 from keycld_envs.recordings import Dataset
 
 Motion = Literal["constrained", "unconstrained", "acceleration"]
 Images = Literal["convolutional", "fully_connected"]
+WHOLE = (("width", 1, 1024), ("groups", 1, 1024), ("folding", 1, 4), ("hidden", 1, 16384))
+"""Fields of `NetworkConfig` that are whole numbers, with the least and the most that make sense."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,19 @@ class NetworkConfig:
         for name, choices in (("motion", get_args(Motion)), ("images", get_args(Images))):
             if getattr(self, name) not in choices:
                 raise InputError(f"{name} is {getattr(self, name)!r}; it must be one of {', '.join(choices)}.")
+        for name, least, most in WHOLE:
+            check_whole(name, getattr(self, name), least, most)
+        if self.width % self.groups:
+            raise InputError(f"groups is {self.groups}; it must divide width, {self.width}.")
+        if self.constants is not None:
+            check_whole("constants", self.constants, 1, 1024)
+        for name in ("gaussian_widths", "segment_widths"):
+            for width in getattr(self, name):
+                check_number(name, width, 0.0, 10.0)
+        check_number("saliency", self.saliency, -1e-9, 1e3)
+        check_number("force_scale", self.force_scale, 0.0, 1e6)
+        if self.kernel_scale is not None:
+            check_number("kernel_scale", self.kernel_scale, 0.0, 1e3)
 
     @property
     def identifiable(self) -> bool:
@@ -101,14 +117,15 @@ class ModelConfig:
     networks: NetworkConfig = NetworkConfig()
 
     def __post_init__(self) -> None:
+        for size in self.image_shape:
+            check_whole("image_shape", size, 1, 4096)
         multiple = 2**self.networks.halvings * self.networks.folding
         if any(size < multiple or size % multiple for size in self.image_shape):
             raise InputError(
                 f"Frames of {self.image_shape[1]}x{self.image_shape[0]} pixels do not fit the networks; width and "
                 f"height must be multiples of {multiple}."
             )
-        if not self.timestep > 0:
-            raise InputError(f"timestep is {self.timestep}; it must be positive, in seconds between frames.")
+        check_number("timestep", self.timestep, 0.0, 10.0)
 
     @classmethod
     def of(cls, dataset: Dataset, mechanism: Mechanism, system: str | None, networks: NetworkConfig) -> "ModelConfig":

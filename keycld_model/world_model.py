@@ -19,13 +19,15 @@ from numpy.typing import ArrayLike, NDArray
 from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
-from keycld_model.checkpoint import WEIGHTS, read_checkpoint, write_checkpoint
+from keycld_model.checkpoint import WEIGHTS, flatten, read_checkpoint, write_checkpoint
 from keycld_model.config import ModelConfig
 from keycld_model.modules import Parameters, Parts, as_float
 from keycld_model.physics import mass_matrix
 from keycld_model.state_estimation import estimate_state, refine_state
 
 Floats = NDArray[np.float32]
+LARGEST = 1e6
+"""No weight of a network for images between 0 and 1 is larger by far."""
 CONTEXT_FRAMES = 5
 """Frames from which a prediction starts unless told otherwise."""
 
@@ -84,15 +86,12 @@ class WorldModel:
             raise InputError(
                 f"{folder}: {str(error).rstrip('.')}; it was written by another version, train again."
             ) from error
-        parameters = jax.tree.map(jnp.asarray, tensors["model"])
-        expected = Parts(config).shapes()
-        if jax.tree.map(jnp.shape, parameters) != jax.tree.map(jnp.shape, expected):
-            raise InputError(f"{folder} does not hold the arrays that its own configuration asks for; train again.")
-        return cls(config, parameters, os.fspath(source), meta)
+        _check_parameters(folder, tensors["model"], Parts(config).shapes())
+        return cls(config, jax.tree.map(jnp.asarray, tensors["model"]), os.fspath(source), meta)
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write a checkpoint (safetensors and JSON) that `load` reads."""
-        meta = {k: v for k, v in (self.meta or {}).items() if k not in ("schema", "versions", "config")}
+        meta = {k: v for k, v in (self.meta or {}).items() if k not in ("schema", "sha256", "versions", "config")}
         return write_checkpoint(folder, {"model": self.parameters}, {"config": self.config.to_dict(), **meta})
 
     def with_parameters(self, parameters: Parameters) -> "WorldModel":
@@ -113,6 +112,11 @@ class WorldModel:
     def mechanism(self) -> Mechanism:
         """Keypoints, rods and sliders."""
         return self.config.mechanism
+
+    @property
+    def constrained(self) -> bool:
+        """Rods and sliders hold the masses; in KeyCLD-NC and NODE2 nothing does."""
+        return self.config.networks.motion == "constrained"
 
     @property
     def timestep(self) -> float:
@@ -321,6 +325,16 @@ class WorldModel:
         if bad.size:
             raise InputError(f"actions[{bad[0]}] is not finite; every action must be a number.")
         return array[:steps]
+
+
+def _check_parameters(folder: Path, found: Parameters, expected: Parameters) -> None:
+    """Refuse arrays that are not those of a configuration, or that no training ends with."""
+    kinds, asked = (jax.tree.map(lambda a: (a.shape, np.dtype(a.dtype)), tree) for tree in (found, expected))
+    if kinds != asked:
+        raise InputError(f"{folder} does not hold the arrays that its own configuration asks for; train again.")
+    for name, array in flatten(found).items():
+        if np.abs(array).max(initial=0.0) > LARGEST:
+            raise InputError(f"{folder}: {name} holds numbers beyond {LARGEST:g}; train again or restore a copy.")
 
 
 def _in_chunks(function: Callable[[NDArray[Any]], Array], array: NDArray[Any], chunk: int = 64) -> Floats:

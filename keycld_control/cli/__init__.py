@@ -13,19 +13,88 @@ import ast
 import difflib
 import errno
 import importlib
+import multiprocessing
 import os
 import pkgutil
 import select
+import signal
 import sys
+import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.util import find_spec
-
-import tyro
+from types import FrameType
+from typing import NoReturn
 
 from keycld_control import __version__
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, 128 + SIGINT's 2."""
+PATIENCE = 2.5
+"""Seconds from Ctrl-C until the process ends, even if it has not cleaned up."""
+SOON = 0.02
+"""Seconds until an interrupt is tried again that came at a moment when it cannot be raised."""
+_pressed = threading.Event()
 READER_LEFT = 141
 """Exit code of a program that SIGPIPE ends, 128 + 13."""
+
+
+def console() -> NoReturn:
+    """The `keycld` program: one command, and the end of the process.
+
+    Ctrl-C ends it with 130 within three seconds, whatever it is doing and wherever it is pressed again.
+    """
+    signal.signal(signal.SIGINT, _interrupt)
+    sys.warnoptions.append("ignore:resource_tracker:UserWarning")  # what it gives back for processes that were ended
+    try:
+        code = main()
+    except BaseException:  # libraries that are being imported make others of a KeyboardInterrupt
+        if not _pressed.is_set():
+            raise
+        code = _interrupted()
+    if code == INTERRUPTED or _pressed.is_set():
+        _leave()
+    sys.exit(code)
+
+
+def _interrupt(_: int, frame: FrameType | None) -> None:
+    """Let what is being done clean up, once; leave if that takes too long."""
+    if not _pressed.is_set():
+        _pressed.set()
+        watch = threading.Timer(PATIENCE, lambda: (_interrupted(), _leave()))
+        watch.daemon = True
+        watch.start()
+    if _unready(frame):
+        signal.signal(signal.SIGALRM, _interrupt)
+        signal.setitimer(signal.ITIMER_REAL, SOON)
+        return
+    for number in (signal.SIGINT, signal.SIGALRM):
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+def _unready(frame: FrameType | None) -> bool:
+    """Whether an exception would be lost or break a library: in an import, or in what garbage collection calls."""
+    while frame is not None:
+        if frame.f_code.co_name == "_xla_gc_callback" or frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _interrupted() -> int:
+    print("keycld: interrupted", file=sys.stderr)
+    return INTERRUPTED
+
+
+def _leave() -> NoReturn:
+    """End at once: libraries that are still drawing or reckoning in threads crash when Python takes them down."""
+    for child in multiprocessing.active_children():
+        child.kill()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(INTERRUPTED)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,6 +112,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _run(words)
         finally:
             sys.stdout.flush()
+    except KeyboardInterrupt:
+        return _interrupted()
     except BrokenPipeError:
         if not _reader_left():
             raise
@@ -74,6 +145,8 @@ def _run(words: list[str]) -> int:
         return 2
     if (here := os.getcwd()) not in sys.path:
         sys.path.append(here)  # where modules with systems of one's own lie
+    import tyro  # not above: until then, Ctrl-C is not yet handled
+
     command = importlib.import_module(f"{__name__}.{name}")
     args = tyro.cli(command.Args, prog=f"keycld {name}", args=words[1:], config=(tyro.conf.FlagCreatePairsOff,))
     try:
@@ -86,9 +159,6 @@ def _run(words: list[str]) -> int:
             raise
         print(f"keycld: {error.filename or 'The disk'} cannot be written: {error.strerror}.", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("keycld: interrupted", file=sys.stderr)
-        return 130
     return code or 0
 
 

@@ -48,11 +48,10 @@ class Args:
 
 def run(args: Args) -> None:
     """Collect and print the summary."""
-    from keycld_envs import resolve_env_id
     from keycld_envs.collect import CollectSettings, collect
 
     settings = CollectSettings(
-        env_id=resolve_env_id(args.system),
+        env_id=args.system,
         steps=args.steps,
         policy=args.policy,
         action_range=args.action_range,

@@ -53,6 +53,7 @@ def run(args: Args) -> None:
     """Read, write, and say what was read."""
     import numpy as np
 
+    from keycld_envs import resolve_env_id
     from keycld_envs.recordings import write_recording
     from keycld_envs.recordings.importers import Columns, assemble, read_csv, read_mat
 
@@ -69,7 +70,8 @@ def run(args: Args) -> None:
         _pairs("--unit", args.unit),
         args.hold,
     )
-    recording = assemble(table, columns, args.out.name, licence=args.licence, origin=args.origin, system=args.system)
+    system = None if args.system is None else resolve_env_id(args.system)
+    recording = assemble(table, columns, args.out.name, licence=args.licence, origin=args.origin, system=system)
     write_recording(args.out, recording)
     assert recording.t_state is not None and recording.qpos is not None
     result = {

@@ -34,13 +34,12 @@ class Args:
 
 def run(args: Args) -> None:
     """Train and print the summary."""
-    import json
-
     from keycld_envs import resolve_env_id, system_of
     from keycld_envs.errors import InputError
     from keycld_envs.mechanism import Mechanism
+    from keycld_envs.reading import read_json
     from keycld_envs.recordings import read_dataset
-    from keycld_envs.registration import bare_id
+    from keycld_envs.registration import same_system
     from keycld_model.config import ModelConfig
     from keycld_model.training import PRESETS, train
 
@@ -48,7 +47,7 @@ def run(args: Args) -> None:
         raise InputError(f"There is no preset {args.preset!r}; there are {', '.join(PRESETS)}.")
     if args.system.endswith(".json"):
         try:
-            mechanism = Mechanism.from_dict(json.loads(Path(args.system).read_text(encoding="utf-8")))
+            mechanism = Mechanism.from_dict(read_json(args.system))
         except (OSError, ValueError) as error:
             raise InputError(f"{args.system} is no readable mechanism declaration: {error}") from error
         name = None
@@ -56,7 +55,7 @@ def run(args: Args) -> None:
         name = resolve_env_id(args.system)
         mechanism = system_of(name).mechanism
     dataset = read_dataset(args.data)
-    if name is not None and dataset.system is not None and bare_id(dataset.system) != bare_id(name):
+    if name is not None and dataset.system is not None and not same_system(dataset.system, name):
         raise InputError(f"{args.data} records {dataset.system}, not {name}; name the system that was recorded.")
     config = ModelConfig.of(dataset, mechanism, name, PRESETS[args.preset].networks)
     result = train(dataset, config, args.out, args.preset, args.seed, args.validation)

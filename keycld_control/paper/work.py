@@ -1,6 +1,5 @@
 """Trains, or loads, and measures; every piece of work leaves a file, so that nothing is done twice."""
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -24,7 +23,9 @@ from keycld_control.paper.strips import write_strip, write_swing_up
 from keycld_control.plain_json import write_json
 from keycld_envs import get_system, resolve_env_id, system_of
 from keycld_envs.errors import InputError
+from keycld_envs.files import one_writer
 from keycld_envs.progress import progress
+from keycld_envs.reading import read_json
 from keycld_envs.recordings import Dataset
 from keycld_envs.workers import each
 from keycld_model import WorldModel
@@ -61,13 +62,14 @@ def work_off(work: Work, trainings: Sequence[Training], workers: int = 1, ray: s
             raise InputError(f"{path} is of --seed {seed}, not {work.data_seed}; choose another --out.")
     todo = [t for t in trainings if not work.result(t).is_file()]
     models = each(partial(one, work), todo, workers, ray)  # not begun, but a cluster that is not there shows here
-    for training in todo:  # here, with all processes, before these need them
-        for part in PARTS if training.is_default else ("test", "training"):
-            recordings(work.out / "data", training.system, part, work.data_seed, workers)
-    with progress("Models", total=len(trainings)) as advance:
-        advance(len(trainings) - len(todo))
-        for _ in models:
-            advance(1)
+    with one_writer(work.out):
+        for training in todo:  # here, with all processes, before these need them
+            for part in PARTS if training.is_default else ("test", "training"):
+                recordings(work.out / "data", training.system, part, work.data_seed, workers)
+        with progress("Models", total=len(trainings)) as advance:
+            advance(len(trainings) - len(todo))
+            for _ in models:
+                advance(1)
 
 
 def one(work: Work, training: Training) -> None:
@@ -149,7 +151,7 @@ def results(out: Path) -> list[dict[str, Any]]:
 def _files(out: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
     for path in sorted((out / "results").glob("*.json")):
         try:
-            result = json.loads(path.read_text(encoding="utf-8"))
+            result = read_json(path)
             schema = result["schema"]
         except (ValueError, LookupError, TypeError) as error:
             raise InputError(f"{path} is damaged ({error}); remove it, and its model is measured again.") from error

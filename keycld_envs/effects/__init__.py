@@ -20,6 +20,7 @@ from keycld_envs.effects.clock_drift import ClockDrift as ClockDrift
 from keycld_envs.effects.cogging import Cogging as Cogging
 from keycld_envs.effects.constant_force import ConstantForce as ConstantForce
 from keycld_envs.effects.coulomb_friction import CoulombFriction as CoulombFriction
+from keycld_envs.effects.edited import edited as edited
 from keycld_envs.effects.end_stop import EndStop as EndStop
 from keycld_envs.effects.external_periodic import ExternalPeriodic as ExternalPeriodic
 from keycld_envs.effects.external_pulse import ExternalPulse as ExternalPulse

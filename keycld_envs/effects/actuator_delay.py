@@ -9,7 +9,7 @@ import numpy as np
 
 from keycld_envs.effects.base import Array, Confusable, Effect, parameter
 from keycld_envs.effects.native import NativeModel
-from keycld_envs.effects.places import ActuatorEffect
+from keycld_envs.effects.places import LONGEST, ActuatorEffect
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class ActuatorDelay(ActuatorEffect):
     phrase: ClassVar[str] = "an actuator delay"
     confusable: ClassVar[Confusable | None] = Confusable("lateness", {"d": 1.0})
 
-    d: float = parameter("s", 0.01, low=0.0)
+    d: float = parameter("s", 0.01, low=0.0, high=LONGEST)
 
     def native(self, model: mujoco.MjModel, later: Sequence[Effect] = ()) -> bool:
         """Of actuators without a delay of their own."""

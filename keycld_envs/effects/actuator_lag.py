@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from keycld_envs.effects.actuator_saturation import ActuatorSaturation
 from keycld_envs.effects.base import Array, Confusable, Effect, parameter
 from keycld_envs.effects.native import NativeModel
-from keycld_envs.effects.places import ActuatorEffect
+from keycld_envs.effects.places import LONGEST, ActuatorEffect
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class ActuatorLag(ActuatorEffect):
     phrase: ClassVar[str] = "an actuator lag"
     confusable: ClassVar[Confusable | None] = Confusable("lateness", {"lag": 1.0})
 
-    lag: float = parameter("s", 0.01, low=0.0)
+    lag: float = parameter("s", 0.01, low=0.0, high=LONGEST)
 
     def native(self, model: mujoco.MjModel, later: Sequence[Effect] = ()) -> bool:
         """Of actuators without a memory of their own, which limit commands before they lag."""

@@ -3,10 +3,13 @@
 from collections import deque
 from collections.abc import Iterator, Sequence
 from functools import partial
+from numbers import Real
+from typing import cast
 
 import mujoco
 import numpy as np
 
+from keycld_envs.checks import short
 from keycld_envs.constants import update_constants
 from keycld_envs.effects.base import Array, Effect
 from keycld_envs.effects.load_dependent_friction import bearing_force
@@ -21,7 +24,8 @@ class AddedPhysics:
     """Effects, in a model that they change, with the commands of the past.
 
     Raises:
-        InputError: if an effect is in the measurement, or at a place that the model does not have.
+        InputError: if an effect is in the measurement, at a place that the model does not have, or has a number that
+            physics does not allow.
     """
 
     def __init__(self, effects: Sequence[Effect], model: mujoco.MjModel) -> None:
@@ -30,12 +34,13 @@ class AddedPhysics:
         self._memory: list[Array] = []
         for effect in self.effects:
             if not isinstance(effect, Effect):
-                raise InputError(f"effects has {effect!r}; it must hold effects of keycld_envs.effects.")
+                raise InputError(f"effects has {short(effect)}; it must hold effects of keycld_envs.effects.")
             if effect.observes:
                 raise InputError(f"{effect.id} is in the measurement; an environment has only effects in the motion.")
+            _check_numbers(effect)
             known = {c.where for c in effect.candidates(model)}
-            if effect.where not in known:
-                raise InputError(f"{effect.id} is at {effect.where!r}; the model has {sorted(known)}.")
+            if not isinstance(effect.where, str) or effect.where not in known:
+                raise InputError(f"{effect.id} is at {short(effect.where)}; the model has {sorted(known)}.")
             effect.edit(model)
             if effect.has_dry_friction:
                 add_friction(model, effect.slot(model)[0], 0.0)  # lets the model have some
@@ -74,3 +79,16 @@ class AddedPhysics:
         load = partial(bearing_force, self.model, effect.where, q, v, u)
         more = effect.dry_friction(q[dof], v[dof], load)
         friction[dof] = max(0.0, friction[dof] + (0.0 if more is None else float(more)))
+
+
+def _check_numbers(effect: Effect) -> None:
+    """Refuse numbers that are not finite or outside their bounds."""
+    for p in effect.parameters():
+        value = getattr(effect, p.name)
+        if isinstance(value, bool) or not isinstance(value, Real) or not abs(cast(float, value)) <= 1e300:
+            raise InputError(
+                f"{effect.id} at {short(effect.where)} has {p.name}={short(value)}; it must be a finite number."
+            )
+        if not p.low <= cast(float, value) <= p.high and value != p.absent:
+            bounds = f"{p.low:g} or more" if p.high == np.inf else f"between {p.low:g} and {p.high:g}"
+            raise InputError(f"{effect.id} at {effect.where!r} has {p.name}={value:g} {p.unit}; it must be {bounds}.")

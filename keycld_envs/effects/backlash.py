@@ -24,7 +24,7 @@ class Backlash(TransmissionEffect):
 
     j: float = parameter("kg m^2", 0.002, low=0.0)
     g: float = parameter("rad", 0.01, low=0.001, high=0.5, grid=(0.02, 0.08))
-    w: float = parameter("rad/s", 10.0, low=SOFT, high=HARD, grid=(150.0,))
+    w: float = parameter("rad/s", 10.0, low=SOFT, high=HARD, grid=(150.0,), temporal=True)
     zeta: float = parameter("1", 0.1, low=0.02, high=1.0, grid=(0.25,))
 
     @property

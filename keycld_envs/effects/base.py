@@ -30,6 +30,7 @@ class Parameter:
         grid: values to start a search from where the motion is not nearly linear in it; empty for a coefficient, in
             which the effect is linear and of which `absent` is none of it.
         absent: value at which the effect vanishes.
+        temporal: it is a frequency in time, whose unit is the same at a hinge and at a slide.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Parameter:
     high: float = np.inf
     grid: tuple[float, ...] = ()
     absent: float = 0.0
+    temporal: bool = False
 
 
 def parameter(
@@ -48,9 +50,11 @@ def parameter(
     high: float = np.inf,
     grid: tuple[float, ...] = (),
     absent: float = 0.0,
+    temporal: bool = False,
 ) -> Any:
     """A dataclass field that holds a parameter, `absent` or first of its grid by default; see `Parameter`."""
     description = {"unit": unit, "scale": scale, "low": low, "high": high, "grid": grid, "absent": absent}
+    description["temporal"] = temporal
     return field(default=grid[0] if grid else absent, metadata={"parameter": description})
 
 

@@ -23,7 +23,7 @@ class BaseMotion(Effect):
 
     a: float = parameter("m/s^2", 0.1)
     b: float = parameter("m/s^2", 0.1)
-    w: float = parameter("rad/s", 0.05, low=0.5, grid=FREQUENCIES)
+    w: float = parameter("rad/s", 0.05, low=0.5, grid=FREQUENCIES, temporal=True)
 
     @classmethod
     def candidates(cls, model: mujoco.MjModel) -> tuple["BaseMotion", ...]:

@@ -18,7 +18,7 @@ class ExternalPeriodic(JointEffect):
 
     a: float = parameter("N m", 0.02)
     b: float = parameter("N m", 0.02)
-    w: float = parameter("rad/s", 0.05, low=0.5, grid=FREQUENCIES)
+    w: float = parameter("rad/s", 0.05, low=0.5, grid=FREQUENCIES, temporal=True)
 
     def torque(self, t: Array, q: Array, v: Array) -> Array:
         """A sinusoid."""

@@ -131,6 +131,8 @@ class SensorEffect(Effect):
         return (cls(),)
 
 
+LONGEST = 2.0
+"""Seconds, of the dead time and of the lag of a motor."""
 FREQUENCIES = tuple(2.0 + 0.75 * k for k in range(32))
 """Angular frequencies, rad/s, close enough for phases over recordings of some seconds to tell one from the next."""
 

@@ -3,8 +3,6 @@
 import json
 import os
 import shutil
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_folder
+from keycld_envs.reading import read_arrays, read_json, read_limit
 from keycld_envs.recordings.recording import InvalidRecording, Recording
 from keycld_envs.recordings.validation import SIGNALS
 from keycld_envs.recordings.video import iter_video, write_video
@@ -31,10 +30,11 @@ def write_recording(folder: str | os.PathLike[str], recording: Recording, *, vid
         folder: the folder to create.
         recording: what to write. A recording that refers to a camera's file keeps a copy of it, untouched.
         video: store frames in memory as frames.mkv (FFV1, lossless) instead of frames.npz, which is smaller
-            and faster for short rendered clips.
+            and faster for short rendered clips. Frames that `read_recording` would not take from frames.npz at once
+            are stored as a video in any case; see `keycld_envs.reading`.
 
     Raises:
-        InputError: if the folder exists already and is not empty.
+        InputError: if the folder exists already and is not empty, or a video could not be written whole.
     """
     try:
         with atomic_folder(folder) as partial:
@@ -79,17 +79,19 @@ def _write_files(folder: Path, recording: Recording, video: bool) -> None:
     if recording.video is not None:
         name = "frames.mkv" if recording.video.name == "frames.mkv" else f"original{recording.video.suffix.lower()}"
         shutil.copyfile(recording.video, folder / name)
-    elif recording.frames is not None and video:
+    elif recording.frames is not None and (video or recording.frames.nbytes > read_limit()):
         assert recording.t_frame is not None
         duration = float(recording.t_frame[-1] - recording.t_frame[0])
-        write_video(folder / "frames.mkv", recording.frames, (len(recording.frames) - 1) / duration if duration else 25)
+        size = recording.frames.shape[2], recording.frames.shape[1]
+        rate = (len(recording.frames) - 1) / duration if duration else 25.0
+        write_video(folder / "frames.mkv", recording.frames, size, max(1, round(rate)))
     elif recording.frames is not None:
         np.savez_compressed(folder / "frames.npz", frames=recording.frames)
 
 
 def _read_meta(path: Path) -> dict[str, Any]:
     try:
-        meta = json.loads(path.read_text(encoding="utf-8"))
+        meta = read_json(path)
     except FileNotFoundError as error:
         raise InputError(f"{path} is missing; a recording needs one, see docs/recordings.md.") from error
     except (OSError, ValueError) as error:
@@ -110,27 +112,15 @@ def _read_meta(path: Path) -> dict[str, Any]:
 
 
 def _read_npz(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
-    """Read arrays without pickle; zip checksums find damaged bytes."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if unknown := [key for key in file.files if key not in keys]:
-                raise InputError(f"{path}: the key {unknown[0]!r} is unknown; known are {', '.join(keys)}.")
-            return {key: file[key] for key in file.files}
-    except InputError:
-        raise
+        arrays = read_arrays(path)
     except FileNotFoundError as error:
         raise InputError(f"{path} is missing; a recording needs one, see docs/recordings.md.") from error
-    except (
-        OSError,
-        ValueError,
-        EOFError,
-        KeyError,
-        TypeError,
-        AttributeError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
+    except (OSError, ValueError) as error:
         raise InputError(f"{path} is damaged or not an npz file ({error}); replace it.") from error
+    if unknown := [key for key in arrays if key not in keys]:
+        raise InputError(f"{path}: the key {unknown[0]!r} is unknown; known are {', '.join(keys)}.")
+    return arrays
 
 
 def _find_frames(folder: Path) -> tuple[NDArray[np.uint8] | None, Path | None]:

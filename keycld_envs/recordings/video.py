@@ -1,44 +1,123 @@
-"""Lossless video of frames, and frame-by-frame decoding of any video."""
+"""Video files: written by ffmpeg and read back before they count, and any video decoded frame by frame."""
 
 import subprocess
 import tempfile
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
+from keycld_envs.reading import check_file, check_size
+
+Frame = NDArray[np.uint8]
+LOSSY = 20.0
+"""Mean difference, of 255, up to which a frame and its copy by a lossy encoder are the same."""
 
 
-def write_video(path: Path, frames: NDArray[np.uint8], fps: float) -> None:
-    """Write frames, [T, H, W, 3], as FFV1 with checksums; every pixel survives.
+def write_video(path: Path, frames: Iterable[Frame], size: tuple[int, int], fps: float, **options: Any) -> None:
+    """Encode frames, and read the file back.
 
     Args:
-        path: the file to write, ending in .mkv.
-        frames: [T, H, W, 3] uint8.
-        fps: nominal frame rate in Hz, for video players only; the clock of a recording is `t_frame`.
+        path: the file to write.
+        frames: each [H, W, 3] uint8.
+        size: (W, H), pixels.
+        fps: nominal frame rate, Hz.
+        **options: of `imageio_ffmpeg.write_frames`; by default FFV1 with checksums, in which every pixel survives.
+
+    Raises:
+        InputError: if the encoder failed, as on a full disk, or the file does not hold all frames.
     """
-    writer = imageio_ffmpeg.write_frames(
-        str(path),
-        (frames.shape[2], frames.shape[1]),
-        pix_fmt_in="rgb24",
-        pix_fmt_out="bgr0",
-        fps=max(1, round(fps)),
-        codec="ffv1",
-        quality=None,  # pyright: ignore[reportArgumentType]
-        macro_block_size=1,
-        output_params=["-level", "3", "-slicecrc", "1", "-g", "1"],
-    )
-    writer.send(None)
-    for frame in frames:
-        writer.send(np.ascontiguousarray(frame))
-    writer.close()
+    lossless = not options
+    if lossless:
+        options = {
+            "pix_fmt_in": "rgb24",
+            "pix_fmt_out": "bgr0",
+            "codec": "ffv1",
+            "output_params": ["-level", "3", "-slicecrc", "1", "-g", "1"],
+        }
+    with warnings.catch_warnings():  # subprocess runs a program at once, so JAX's threads are in no danger
+        warnings.filterwarnings("ignore", "os.fork", RuntimeWarning)
+        writer = imageio_ffmpeg.write_frames(
+            str(path),
+            size,
+            fps=fps,  # pyright: ignore[reportArgumentType]
+            quality=None,  # pyright: ignore[reportArgumentType]
+            macro_block_size=1,
+            **options,
+        )
+        count, last = 0, None
+        try:
+            writer.send(None)
+            for frame in frames:
+                last = np.ascontiguousarray(frame)
+                writer.send(last)
+                count += 1
+        except OSError as error:
+            raise _not_whole(path) from error
+        finally:
+            writer.close()
+    if last is not None:
+        _check_written(path, count, last, 0.0 if lossless else LOSSY)
 
 
-def iter_video(path: Path, num_frames: int) -> Iterator[NDArray[np.uint8]]:
+def _check_written(path: Path, count: int, last: Frame, tolerance: float) -> None:
+    """Compare the number of frames in a file, and the last of them, with what was to be written."""
+    found, frame = 0, None
+    try:
+        for frame in decode(path):  # noqa: B007
+            found += 1
+    except (OSError, ValueError) as error:
+        raise _not_whole(path) from error
+    if found != count or frame is None or frame.shape != last.shape:
+        raise _not_whole(path)
+    if np.abs(frame.astype(np.int16) - last).mean() > tolerance:
+        raise _not_whole(path)
+
+
+def _not_whole(path: Path) -> InputError:
+    parts = (part[1:].removesuffix(".partial") if part.endswith(".partial") else part for part in path.parts)
+    return InputError(f"{Path(*parts)} could not be written whole; free space on its disk and run again.")
+
+
+def decode(path: Path) -> Iterator[Frame]:
     """Decode a video frame by frame, in constant memory, without dropping or repeating frames.
+
+    Yields:
+        [H, W, 3] uint8, RGB.
+
+    Raises:
+        OSError: if there is no such file.
+        ValueError: if it is no regular file, or, after the last frame, if the decoder reported an error.
+    """
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", "-i", str(check_file(path)), "-map", "0:v:0"]
+    command += ["-fps_mode", "passthrough", "-pix_fmt", "rgb24", "-c:v", "ppm", "-f", "image2pipe", "-"]
+    with tempfile.TemporaryFile() as log, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log) as decoder:
+        assert decoder.stdout is not None
+        try:
+            while decoder.stdout.readline():  # "P6", then "WIDTH HEIGHT", "255", and the pixels
+                width, height = map(int, decoder.stdout.readline().split())
+                check_size(3.0 * width * height)
+                decoder.stdout.readline()
+                data = decoder.stdout.read(width * height * 3)
+                if len(data) < width * height * 3:
+                    break
+                yield np.frombuffer(data, np.uint8).reshape(height, width, 3)
+            decoder.wait()
+        finally:
+            decoder.kill()
+        log.seek(0)
+        errors = log.read(10_000).decode(errors="replace").splitlines()
+    if errors:
+        raise ValueError(errors[0].strip())
+
+
+def iter_video(path: Path, num_frames: int) -> Iterator[Frame]:
+    """The frames of a recording's video; see `decode`.
 
     Args:
         path: a file ffmpeg can read.
@@ -50,27 +129,13 @@ def iter_video(path: Path, num_frames: int) -> Iterator[NDArray[np.uint8]]:
     Raises:
         InputError: after the last frame, if the decoder reported an error or the number of frames is another.
     """
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", "-i", str(path), "-map", "0:v:0"]
-    command += ["-fps_mode", "passthrough", "-pix_fmt", "rgb24", "-c:v", "ppm", "-f", "image2pipe", "-"]
     count = 0
-    with tempfile.TemporaryFile() as log, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log) as decoder:
-        assert decoder.stdout is not None
-        try:
-            while decoder.stdout.readline():  # "P6", then "WIDTH HEIGHT", "255", and the pixels
-                width, height = map(int, decoder.stdout.readline().split())
-                decoder.stdout.readline()
-                data = decoder.stdout.read(width * height * 3)
-                if len(data) < width * height * 3:
-                    break
-                count += 1
-                yield np.frombuffer(data, np.uint8).reshape(height, width, 3)
-            decoder.wait()
-        finally:
-            decoder.kill()
-        log.seek(0)
-        errors = log.read().decode(errors="replace").splitlines()
-    if errors:
-        raise InputError(f"{path} is damaged ({errors[0].strip()}); replace the file.")
+    try:
+        for frame in decode(path):
+            count += 1
+            yield frame
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is damaged ({error}); replace the file.") from error
     if count != num_frames:
         raise InputError(
             f"{path} holds {count} frames, but t_frame in signals.npz has {num_frames}; "

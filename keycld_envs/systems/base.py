@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from keycld_envs.checks import check_camera
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
-from keycld_envs.mjcf import refused
+from keycld_envs.mjcf import check_step, refused
 from keycld_envs.projection import world_to_image
 
 Start = Literal["random", "hanging"]
@@ -143,6 +143,7 @@ class System:
                 model = copy.copy(_compile_text(self.mjcf, tuple(self.assets.items())))
         except ValueError as error:
             raise refused(f"The MJCF of system {self.name!r}", error) from error
+        check_step(f"The MJCF of system {self.name!r}", model)
         self._check(model)
         model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
         return model

@@ -9,7 +9,7 @@ from scipy.stats import bootstrap
 from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Dataset
-from keycld_envs.registration import bare_id
+from keycld_envs.registration import same_system
 from keycld_model.evaluation.joint_coordinates import circular_r2, joint_angles, linear_r2, slider_positions
 from keycld_model.evaluation.valid_prediction_time import (
     frame_errors,
@@ -71,8 +71,11 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
         InputError: if the recordings are of another system, size or frame rate, or have other actions.
     """
     meta = model.meta or {}
-    if model.system is not None and dataset.system is not None and bare_id(model.system) != bare_id(dataset.system):
-        raise InputError(f"{model.name} is a model of {model.system}, {dataset.folder} records {dataset.system}.")
+    if model.system is not None and dataset.system is not None and not same_system(model.system, dataset.system):
+        raise InputError(
+            f"{model.name} is a model of {model.system}, {dataset.folder} records {dataset.system}; evaluate it on "
+            "recordings of its own system."
+        )
     if frames < 2:
         raise InputError(f"frames is {frames}; a sequence needs at least 2.")
     own = meta.get("data", {}).get("sha256") == dataset.sha256

@@ -4,6 +4,7 @@ import json
 import os
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 import optax
 
 from keycld_envs.errors import InputError
+from keycld_envs.files import one_writer
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Dataset
 from keycld_model.checkpoint import read_checkpoint, write_checkpoint
@@ -36,6 +38,8 @@ COLLAPSED = 0.01
 CHECK_EVERY = 500
 """Steps between looks at how much the keypoints vary."""
 STATE = "state"
+PLACES = ("rod_scale", "lean")
+"""Variables that are not zero while masses lie elsewhere than the keypoints."""
 
 
 class TrainingError(InputError):
@@ -150,7 +154,11 @@ class _Run:
     devices: Devices = field(default_factory=Devices)
 
     def finish(self) -> TrainingResult:
-        """Run or resume to the end."""
+        """Run or resume to the end; of several processes, the first one writes."""
+        with one_writer(self.folder) if self.devices.first else nullcontext():
+            return self._finish()
+
+    def _finish(self) -> TrainingResult:
         stage, done, seconds, variables, optimiser = self._resume()
         self._epsilon = static_error(self.data.frames)
         self._model = WorldModel(self.parts.config, model_parameters(variables))
@@ -168,6 +176,11 @@ class _Run:
                 self._log({"step": step, "stage": name, "validation_vpt": score, "seconds": seconds})
                 advance(0, f"{name}: validation VPT {score:.2f}")
                 self._save(index + 1, 0, seconds, variables, None)
+        if away := [name for name in PLACES if np.any(np.asarray(variables.get(name, 0)))]:
+            raise TrainingError(
+                f"The recipe {self.meta['preset']!r} ends with masses that lie elsewhere than the keypoints "
+                f"({' and '.join(away)} are not zero); end it with a stage Distil."
+            )
         started = time.perf_counter()
         score = self._score(variables, refine=True)
         seconds += time.perf_counter() - started
@@ -195,10 +208,17 @@ class _Run:
                     f"{self.folder} holds a run with another {key}; continue it with the same settings and data, or "
                     "choose another --out."
                 )
+        stage, done = meta.get("stage", -1), meta.get("done", -1)
+        places = {(i, k) for i, s in enumerate(self.preset.stages) for k in range(s.steps + 1)}
+        if (stage, done) not in places | {(len(self.preset.stages), 0)} or "variables" not in tensors:
+            raise InputError(
+                f"{self.folder / STATE} is at step {done} of stage {stage}, which this recipe has not; remove the "
+                "folder to begin anew."
+            )
         if self.devices.first:
             log.rewind(self.folder, meta["step"])
         variables = jax.tree.map(jnp.asarray, tensors["variables"])
-        return meta["stage"], meta["done"], meta["seconds"], variables, tensors.get("optimiser")
+        return int(stage), int(done), meta["seconds"], variables, tensors.get("optimiser")
 
     def _log(self, entry: dict[str, Any]) -> None:
         if self.devices.first:
@@ -279,7 +299,7 @@ class _Run:
         Until distillation, masses may lie elsewhere than the keypoints.
         """
         unknown = "trajectories" not in variables and not np.any(np.asarray(variables["dynamics"]["level"]))
-        if unknown or any(np.any(np.asarray(variables.get(name, 0))) for name in ("rod_scale", "lean")):
+        if unknown or any(np.any(np.asarray(variables.get(name, 0))) for name in PLACES):
             return float("nan")
         model = self._model.with_parameters(model_parameters(variables))
         errors = prediction_errors(model, self.test.frames, self.test.actions, refine=refine)

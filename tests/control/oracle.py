@@ -35,6 +35,7 @@ class Oracle:
     input_matrix_fn: Callable[[Array], Array]
     keypoints_fn: Callable[[Array], Array]
     render_fn: Callable[[Array], Array]
+    constrained: bool = True
 
 
 class OracleEnv(KeyCLDEnv):

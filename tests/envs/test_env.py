@@ -13,6 +13,8 @@ from gymnasium.wrappers import RenderCollection
 
 import keycld_envs
 from keycld_envs import REFERENCE_SYSTEMS, SYSTEMS, KeyCLDEnv, get_system, resolve_env_id
+from keycld_envs.collect import CollectSettings
+from keycld_envs.registration import same_system
 
 
 def rollout(env: gym.Env[Any, Any], seed: int, steps: int = 20) -> tuple[list[Any], list[float]]:
@@ -346,3 +348,10 @@ def test_reference_systems_have_ids_of_their_own() -> None:
     assert len(set(ids)) == len(ids)
     for env_id, name in zip(ids, SYSTEMS, strict=True):
         assert keycld_envs.system_of(env_id) is get_system(name)
+
+
+def test_ids_of_the_same_system() -> None:
+    for one in ("acrobot", "KeyCLD/Acrobot-v0", "KeyCLD/AcrobotFullyActuated-v0", "keycld_envs:KeyCLD/Acrobot-v0"):
+        assert same_system(one, "KeyCLD/Acrobot-v0") and not same_system(one, "KeyCLD/AcrobotStock-v0")
+    assert same_system("their_module:Lab/Arm-v0", "Lab/Arm-v0") and not same_system("Lab/Arm-v0", "acrobot")
+    assert CollectSettings("acrobot").env_id == "KeyCLD/Acrobot-v0"

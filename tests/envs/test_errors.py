@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import keycld_envs
-from keycld_envs import InputError, KeyCLDEnv, get_system, resolve_env_id
+from keycld_envs import REFERENCE_SYSTEMS, InputError, KeyCLDEnv, get_system, resolve_env_id
+from keycld_envs.opengl import no_opengl
 
 
 @pytest.mark.parametrize(
@@ -78,12 +79,33 @@ def test_render_qpos() -> None:
         env.render_qpos([0.0, 0.0], width=0)
 
 
-def test_a_diverging_simulation() -> None:
-    env = KeyCLDEnv("acrobot", obs_type="state")
-    env.reset(options={"qpos": [0.0, 0.0], "qvel": [1e9, -1e9]})
+def test_a_display_that_is_not_there_is_named_with_what_helps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setenv("DISPLAY", ":99")
+    assert "DISPLAY=:99" in str(no_opengl("no X")) and "set MUJOCO_GL=egl" in str(no_opengl("no X"))
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    assert "libegl1" in str(no_opengl("no driver"))
+
+
+@pytest.mark.parametrize("system", REFERENCE_SYSTEMS)
+def test_a_simulation_that_diverges_in_its_first_step(system: str) -> None:
+    env = KeyCLDEnv(system, obs_type="state")
+    env.reset(options={"qvel": np.full(env.model.nv, 1e300)})
+    for _ in range(2):  # and does not go on from where MuJoCo has put it
+        with pytest.raises(InputError, match="The simulation diverged"):
+            env.step(np.zeros(env.model.nu))
+    env.reset(seed=0)
+    env.step(np.zeros(env.model.nu))
+
+
+def test_a_simulation_that_diverges_later() -> None:
+    env = KeyCLDEnv("cartpole", obs_type="state")
+    env.reset(options={"qpos": [0.0, 1.0], "qvel": [0.0, 1e4]})
+    env.step([0.0, 0.0])
     with pytest.raises(InputError, match="The simulation diverged"):
         for _ in range(100):
             env.step([0.0, 0.0])
+            env.data.qvel *= 10
 
 
 @pytest.mark.parametrize(

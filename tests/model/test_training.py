@@ -15,10 +15,11 @@ import pytest
 from swinging import CONFIG, MECHANISM, NETWORKS, SIZE, TIMESTEP, dataset, random_parameters, recordings
 
 from keycld_envs.errors import InputError
+from keycld_envs.files import one_writer
 from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_envs.recordings import read_dataset, write_recording
 from keycld_model import WorldModel
-from keycld_model.checkpoint import flatten, read_checkpoint
+from keycld_model.checkpoint import flatten, read_checkpoint, write_checkpoint
 from keycld_model.config import PAPER_NETWORKS
 from keycld_model.evaluation import prediction_errors
 from keycld_model.modules import Parts
@@ -132,7 +133,7 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_weights(uninter
     assert 0 < read_checkpoint(out / "state")[1]["done"] < TINY.stages[0].steps
     with open(out / "log.jsonl", "a") as file:
         file.write('{"step": 4, "stage": "disc')  # a line that was being written
-    for stage in (1, 2, 3):
+    for stage in (1, 3):
         with pytest.MonkeyPatch.context() as patch:
             kill_at(patch, stage, 2)
             with pytest.raises(Killed):
@@ -145,6 +146,34 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_weights(uninter
     assert_same(
         read_checkpoint(out / "state")[0]["variables"], read_checkpoint(uninterrupted.folder / "state")[0]["variables"]
     )
+
+
+WRITER = """
+import sys
+from keycld_envs.files import one_writer
+with one_writer(sys.argv[1]):
+    print(flush=True)
+    input()
+"""
+
+
+def test_one_process_at_a_time_trains_into_a_folder(tmp_path):
+    command = [sys.executable, "-c", WRITER, str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None and other.stdout.readline()
+        with pytest.raises(InputError, match=r"is being written to by another process"):
+            train(dataset(), CONFIG, tmp_path, SHORT)
+        other.kill()
+    with one_writer(tmp_path):  # a process that is killed leaves no lock
+        assert not (tmp_path / "weights.safetensors").exists()
+
+
+@pytest.mark.parametrize("changes", [{"stage": 99}, {"stage": None}, {"stage": -1}, {"done": 99}, {"done": 0.5}])
+def test_a_state_that_no_run_leaves_is_refused(uninterrupted, tmp_path, changes):
+    tensors, meta = read_checkpoint(uninterrupted.folder / "state")
+    write_checkpoint(tmp_path / "state", tensors, {k: v for k, v in {**meta, **changes}.items() if k != "sha256"})
+    with pytest.raises(InputError, match=r"state is at step .* remove the folder"):
+        train(dataset(), CONFIG, tmp_path, TINY, seed=3)
 
 
 def test_a_finished_run(uninterrupted):

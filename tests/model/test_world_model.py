@@ -61,7 +61,13 @@ def damage(folder, kind):
     meta = json.loads((folder / META).read_text())
 
     def rewrite(tensors=tensors, **changes):
-        save_file(tensors, weights, {"checkpoint": json.dumps(meta | changes)})
+        write_checkpoint(folder, unflatten(tensors), {k: v for k, v in meta.items() if k != "sha256"} | changes)
+
+    def changed(value):
+        name = next(name for name, array in tensors.items() if array.ndim)
+        array = tensors[name].copy()
+        array.flat[0] = value
+        rewrite({**tensors, name: array})
 
     match kind:
         case "missing":
@@ -77,12 +83,23 @@ def damage(folder, kind):
         case "description is no object":
             save_file(tensors, weights, {"checkpoint": "[]"})
         case "other schema":
-            rewrite(schema="keycld.checkpoint/99", versions={"keycld": "9.9"})
+            other = meta | {"schema": "keycld.checkpoint/99", "versions": {"keycld": "9.9"}}
+            save_file(tensors, weights, {"checkpoint": json.dumps(other)})
         case "other arrays":
             name = next(iter(tensors))
             rewrite({**tensors, name: np.zeros(3, np.float32)})
         case "array missing":
             rewrite(dict(list(tensors.items())[1:]))
+        case "another type":
+            rewrite({name: array.astype(np.float64) for name, array in tensors.items()})
+        case "not a number":
+            changed(np.nan)
+        case "infinite":
+            changed(-np.inf)
+        case "far too large":
+            changed(3e38)
+        case "configuration out of range":
+            rewrite(config={**meta["config"], "networks": {**meta["config"]["networks"], "hidden": -8}})
         case "other configuration":
             rewrite(config={**meta["config"], "networks": {}})
         case "no configuration":
@@ -103,6 +120,11 @@ def damage(folder, kind):
         ("other schema", "9.9"),
         ("other arrays", "arrays"),
         ("array missing", "arrays"),
+        ("another type", "arrays"),
+        ("not a number", "not finite"),
+        ("infinite", "not finite"),
+        ("far too large", r"beyond 1e\+06"),
+        ("configuration out of range", "hidden is -8"),
         ("other configuration", "missing"),
         ("no configuration", "configuration"),
         ("no model", "not a world model"),
@@ -114,6 +136,49 @@ def test_a_checkpoint_that_cannot_be_used_is_named(checkpoint, kind, words):
         WorldModel.load(checkpoint)
     assert str(checkpoint) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_every_flipped_byte_is_noticed(checkpoint):
+    weights, rng = checkpoint / WEIGHTS, np.random.default_rng(0)
+    whole = weights.read_bytes()
+    header = int.from_bytes(whole[:8], "little")
+    places = [*range(8), *rng.integers(8, 8 + header, 100), *rng.integers(8 + header, len(whole), 100)]
+    for at in places:
+        damaged = bytearray(whole)
+        damaged[at] ^= int(rng.integers(1, 256))
+        weights.write_bytes(damaged)
+        with pytest.raises(InputError, match=r"weights\.safetensors"):
+            read_checkpoint(checkpoint)
+
+
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"width": 0}, "width is 0"),
+        ({"width": 9}, "groups is 4; it must divide width, 9"),
+        ({"groups": True}, "groups is True"),
+        ({"hidden": 10**9}, "hidden is 1000000000"),
+        ({"gaussian_widths": (0.1, float("nan"))}, "gaussian_widths is nan"),
+        ({"segment_widths": (-0.1,)}, r"segment_widths is -0\.1"),
+        ({"force_scale": float("inf")}, "force_scale is inf"),
+        ({"saliency": -1.0}, r"saliency is -1\.0"),
+        ({"constants": 0}, "constants is 0"),
+        ({"motion": "none"}, "motion is 'none'"),
+    ],
+)
+def test_a_configuration_out_of_range_is_refused_by_its_field(changes, words):
+    with pytest.raises(InputError, match=words):
+        replace(CONFIG.networks, **changes)
+
+
+def test_frames_and_steps_out_of_range_are_refused_by_their_field():
+    for changes, words in (
+        ({"timestep": float("nan")}, "timestep is nan"),
+        ({"timestep": 0.0}, r"timestep is 0\.0"),
+        ({"image_shape": (64, 10**9)}, "image_shape is 1000000000"),
+    ):
+        with pytest.raises(InputError, match=words):
+            replace(CONFIG, **changes)
 
 
 def test_a_model_that_does_not_exist(tmp_path):

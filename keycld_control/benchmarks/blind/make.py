@@ -17,8 +17,9 @@ from keycld_control.benchmarks.blind.plan import Plan, mix, plan
 from keycld_control.benchmarks.blind.sites import environment_of
 from keycld_control.benchmarks.blind.strengths import place
 from keycld_envs.errors import InputError
-from keycld_envs.files import atomic_file, atomic_folder
+from keycld_envs.files import atomic_file, atomic_folder, one_writer
 from keycld_envs.progress import progress
+from keycld_envs.reading import read_json
 from keycld_envs.recordings import write_recording
 from keycld_envs.workers import each
 
@@ -62,20 +63,21 @@ def make(out: Path, settings: Settings, workers: int = 1, ray: str | None = None
         raise InputError("cases and workers must be at least 1, and seed at least 0.")
     plans, settled = plan(settings.cases, settings.seed), out / "settings.json"
     content = json.dumps({"schema": SCHEMA, "generator": GENERATOR, **asdict(settings)}, indent=1) + "\n"
-    if settled.is_file():
-        if settled.read_text(encoding="utf-8") != content:
-            raise InputError(f"{settled} is of a benchmark with other settings; choose another folder.")
-    else:
-        with atomic_file(settled, "w") as file:
-            file.write(content)
-    if not (out / "manifest.json").is_file():
-        todo = [i for i in range(len(plans)) if not (_folder(out, i).is_dir() and _sealed(out, i).is_file())]
-        with progress("Making", total=len(plans)) as advance:
-            advance(len(plans) - len(todo))
-            for _ in each(partial(_make, out, settings), todo, workers, ray):
-                advance()
-        _publish(out, settings, plans)
-    return json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    with one_writer(out):
+        if settled.is_file():
+            if settled.read_text(encoding="utf-8") != content:
+                raise InputError(f"{settled} is of a benchmark with other settings; choose another folder.")
+        else:
+            with atomic_file(settled, "w") as file:
+                file.write(content)
+        if not (out / "manifest.json").is_file():
+            todo = [i for i in range(len(plans)) if not (_folder(out, i).is_dir() and _sealed(out, i).is_file())]
+            with progress("Making", total=len(plans)) as advance:
+                advance(len(plans) - len(todo))
+                for _ in each(partial(_make, out, settings), todo, workers, ray):
+                    advance()
+            _publish(out, settings, plans)
+    return read_json(out / "manifest.json")
 
 
 def name(index: int) -> str:

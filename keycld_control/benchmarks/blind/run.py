@@ -10,8 +10,9 @@ from keycld_control.benchmarks.blind.make import SCHEMA, name
 from keycld_control.benchmarks.blind.methods import METHODS, get_method
 from keycld_control.plain_json import plain
 from keycld_envs.errors import InputError
-from keycld_envs.files import atomic_file
+from keycld_envs.files import atomic_file, one_writer
 from keycld_envs.progress import progress
+from keycld_envs.reading import read_json
 from keycld_envs.recordings import read_dataset
 from keycld_envs.workers import each
 from keycld_model.diagnosis import Source
@@ -34,14 +35,33 @@ def run(out: Path, method: str = "diagnose", workers: int = 1, ray: str | None =
     """
     manifest, folder = read_manifest(out), reports(out, method)
     get_method(method)
-    todo = [i for i in range(manifest["cases"]) if not (folder / f"{name(i)}.json").is_file()]
-    with progress("Running", total=manifest["cases"]) as advance:
-        advance(manifest["cases"] - len(todo))
-        for _ in each(partial(_run, out.resolve(), method), todo, workers, ray):
-            advance()
-    done = [json.loads((folder / f"{name(i)}.json").read_text(encoding="utf-8")) for i in range(manifest["cases"])]
+    with one_writer(folder):
+        todo = [i for i in range(manifest["cases"]) if not (folder / f"{name(i)}.json").is_file()]
+        with progress("Running", total=manifest["cases"]) as advance:
+            advance(manifest["cases"] - len(todo))
+            for _ in each(partial(_run, out.resolve(), method), todo, workers, ray):
+                advance()
+    done = [read_report(out, method, i) for i in range(manifest["cases"])]
     failed = [r["case"] for r in done if r["failure"] is not None]
     return {"method": method, "cases": len(done), "run": len(todo), "failed": failed, "reports": str(folder)}
+
+
+def read_report(out: Path, method: str, index: int) -> dict[str, Any]:
+    """What a method's run on one case was written as.
+
+    Raises:
+        InputError: if it is missing or damaged.
+    """
+    path = reports(out, method) / f"{name(index)}.json"
+    try:
+        report = read_json(path)
+        if isinstance(report, dict) and "failure" in report:
+            return report
+    except (OSError, ValueError):
+        pass
+    raise InputError(
+        f"{path} is missing or damaged; remove it, and `keycld blind run {out} --method {method}` writes it again."
+    )
 
 
 def reports(out: Path, method: str) -> Path:
@@ -57,7 +77,7 @@ def read_manifest(out: Path) -> dict[str, Any]:
     """
     path = out / "manifest.json"
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest = read_json(path)
     except (OSError, ValueError) as error:
         raise InputError(f"{path} is missing or damaged; `keycld blind make {out}` completes a benchmark.") from error
     if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:

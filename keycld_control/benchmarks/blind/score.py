@@ -10,7 +10,7 @@ from typing import Any
 from keycld_control.benchmarks.blind.make import name
 from keycld_control.benchmarks.blind.match import CaseResult, Key
 from keycld_control.benchmarks.blind.measures import measures
-from keycld_control.benchmarks.blind.run import read_manifest, reports
+from keycld_control.benchmarks.blind.run import read_manifest, read_report, reports
 from keycld_control.benchmarks.blind.tables import markdown
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
@@ -60,12 +60,7 @@ def _results(out: Path, method: str, answers: Sequence[dict[str, Any]], partial:
         path = folder / f"{name(i)}.json"
         if partial and not path.exists():
             continue
-        try:
-            results.append(CaseResult(answer, json.loads(path.read_text(encoding="utf-8"))))
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f"{path} is missing or damaged; `keycld blind run {out} --method {method}` completes the reports."
-            ) from error
+        results.append(CaseResult(answer, read_report(out, method, i)))
     return results
 
 

@@ -36,6 +36,7 @@ def run_file(run: str, id: str, torque: str) -> RecordingFile:
         {joint: f"pos_meas{j}" for j, joint in enumerate(JOINTS, 1)},
         {joint: f"vel_meas{j}" for j, joint in enumerate(JOINTS, 1)},
         {joint: f"{torque}{j}" for j, joint in enumerate(JOINTS, 1)},
+        units={f"pos_meas{j}": "rad" for j, _ in enumerate(JOINTS, 1)},
     )
     path = f"dfki_double_pendulum/leaderboard/{run}/trajectory.csv"
     origin = f"dfki-ric-underactuated-lab/double_pendulum: {run.split('/')[-1]}"

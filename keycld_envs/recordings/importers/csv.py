@@ -2,17 +2,24 @@
 
 import csv
 import os
+from array import array
+from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import chain, count
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
 from keycld_envs.errors import InputError
+from keycld_envs.reading import check_file
 from keycld_envs.recordings.importers.table import Table
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 """Cells, in lower case, that mark a missing sample."""
 DELIMITERS = ",;\t"
+LONGEST_LINE = 1 << 24
+"""Characters; a longer one is no table of numbers."""
 
 
 def read_csv(
@@ -37,37 +44,72 @@ def read_csv(
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        with open(check_file(path), encoding="utf-8-sig") as file:
+            return _table(path, file, names, drop_truncated_end)
+    except InputError:
+        raise
     except FileNotFoundError as error:
         raise InputError(f"{path} does not exist; name a CSV file.") from error
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"{path} cannot be read as UTF-8 text ({error}); name a CSV file.") from error
-    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
-    if not lines:
+
+
+def _table(path: Path, file: TextIO, names: Sequence[str] | None, drop_truncated_end: bool) -> Table:
+    rows = _rows(file)
+    header = next(rows, None)
+    if header is None:
         raise InputError(f"{path} is empty; name a file with a header and rows of numbers.")
-    rows = list(_cells(lines))
     if names is None:
-        _, names = rows.pop(0)
+        line, names = header
         if any(_number(name) is not None for name in names):
-            raise InputError(f"{path}, line {lines[0][0]}: the header holds numbers; name the columns, --columns.")
-    if twice := [name for i, name in enumerate(names) if name in names[:i]]:
-        raise InputError(f"{path}: two columns are named {twice[0]!r}; name each column once.")
-    if rows and drop_truncated_end and len(rows[-1][1]) < len(names):
-        rows.pop()
-    if not rows:
+            raise InputError(f"{path}, line {line}: the header holds numbers; name the columns, --columns.")
+    else:
+        rows = chain([header], rows)
+    if len(set(names)) < len(names):
+        twice = Counter(names).most_common(1)[0][0]
+        raise InputError(f"{path}: two columns are named {twice!r}; name each column once.")
+    values, lines = array("d"), array("q")
+    row = next(rows, None)
+    while row is not None:
+        (line, cells), row = row, next(rows, None)
+        if row is None and lines and drop_truncated_end and len(cells) < len(names):
+            break
+        values.extend(_row(path, line, cells, names))
+        lines.append(line)
+    if not lines:
         raise InputError(f"{path} has a header but no rows; name a file with rows of numbers.")
-    values = np.array([_row(path, line, cells, names) for line, cells in rows])
-    return Table(path, {name: values[:, j].copy() for j, name in enumerate(names)}, tuple(line for line, _ in rows))
+    table = np.frombuffer(values).reshape(-1, len(names))
+    return Table(path, {name: table[:, j].copy() for j, name in enumerate(names)}, np.frombuffer(lines, np.int64))
 
 
-def _cells(lines: list[tuple[int, str]]) -> Iterator[tuple[int, list[str]]]:
-    """Line numbers, and the cells of each line."""
-    delimiter = next((d for d in DELIMITERS if d in lines[0][1]), None)
-    if delimiter is None:
-        yield from ((i, line.split()) for i, line in lines)
+def _rows(file: TextIO) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers, and the cells of each line that is neither empty nor a comment."""
+    lines = ((i, line) for i, line in _lines(file) if line.strip() and not line.startswith("#"))
+    first = next(lines, None)
+    if first is None:
         return
-    parsed = csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True)
-    yield from ((i, [cell.strip() for cell in cells]) for (i, _), cells in zip(lines, parsed, strict=False))
+    delimiter = next((d for d in DELIMITERS if d in first[1]), None)
+    for i, line in chain([first], lines):
+        if delimiter is None:
+            yield i, line.split()
+        else:
+            cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+            yield i, [cell.strip() for cell in cells]
+
+
+def _lines(file: TextIO) -> Iterator[tuple[int, str]]:
+    """Lines and their numbers.
+
+    Raises:
+        ValueError: if a line has no end.
+    """
+    for i in count(1):
+        line = file.readline(LONGEST_LINE)
+        if not line:
+            return
+        if len(line) == LONGEST_LINE:
+            raise ValueError(f"line {i} has more than {LONGEST_LINE:,} characters")
+        yield i, line
 
 
 def _row(path: Path, line: int, cells: list[str], names: Sequence[str]) -> list[float]:

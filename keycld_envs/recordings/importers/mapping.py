@@ -7,22 +7,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.checks import short
 from keycld_envs.errors import InputError
 from keycld_envs.recordings.importers.table import Table
 from keycld_envs.recordings.recording import Recording
 
 Array = NDArray[np.float64]
-FACTORS = {
-    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
-    "rad": 1.0, "deg": np.pi / 180, "rev": 2 * np.pi, "m": 1.0, "cm": 1e-2, "mm": 1e-3,
-    "rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30, "m/s": 1.0, "mm/s": 1e-3,
-    "N m": 1.0, "mN m": 1e-3, "N": 1.0, "1": 1.0, "V": 1.0, "A": 1.0,
-}  # fmt: skip
-"""What a unit is worth in the recording's unit of its kind."""
-BASE = {
-    "ms": "s", "us": "s", "ns": "s", "deg": "rad", "rev": "rad", "cm": "m", "mm": "m", "deg/s": "rad/s",
-    "rpm": "rad/s", "mm/s": "m/s", "mN m": "N m",
-}  # fmt: skip
+UNITS = {
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "rad": {"rad": 1.0, "deg": np.pi / 180, "rev": 2 * np.pi},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "rad/s": {"rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30},
+    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "N m": {"N m": 1.0, "mN m": 1e-3},
+    "N": {"N": 1.0},
+    "1": {"1": 1.0},
+    "V": {"V": 1.0},
+    "A": {"A": 1.0, "mA": 1e-3},
+}
+"""By the unit that recordings have: those of the same kind, and what each is worth in it."""
+FACTORS = {unit: factor for units in UNITS.values() for unit, factor in units.items()}
+BASE = {unit: base for base, units in UNITS.items() for unit in units}
+POSITIONS, COMMANDS = ("rad", "m"), ("N m", "N", "1", "V", "A", "rad", "m", "rad/s", "m/s")
+"""What joints and actuators may have."""
+TURN = 2 * np.pi * 1.01
+"""Range of angles that were wrapped to one turn, rad, with a little noise."""
+MOST_TURNS = 2.0
+"""Turns either way beyond which angles without a stated unit may as well be degrees."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +58,17 @@ class Columns:
     units: Mapping[str, str] = field(default_factory=dict)
     hold: bool = False
 
+    def __post_init__(self) -> None:
+        """Raise InputError if a field is of another kind."""
+        for name, wanted in (("time", str), ("action_time", str | None)):
+            if not isinstance(getattr(self, name), wanted):
+                raise InputError(f"{name} must name a column, got {short(getattr(self, name))}.")
+        for name in ("joints", "velocities", "actions", "units"):
+            value = getattr(self, name)
+            words = [*value, *value.values()] if isinstance(value, Mapping) else [None]
+            if not all(isinstance(word, str) for word in words):
+                raise InputError(f"{name} must map names to names, got {short(value)}.")
+
 
 def assemble(
     table: Table,
@@ -60,7 +82,7 @@ def assemble(
 ) -> Recording:
     """Make a recording of a real system from a table.
 
-    Clocks stay as they are, and so does NaN in positions and velocities; angles are unwrapped.
+    Clocks stay as they are, and so does NaN in positions and velocities; angles within one turn are unwrapped.
 
     Args:
         table: columns of numbers.
@@ -73,7 +95,8 @@ def assemble(
 
     Raises:
         InputError: if a column is missing, lengths differ, a clock misses a time or runs backwards, a unit is
-            unknown, or an action is missing; the message names file, column and line.
+            unknown or of something else, angles without a unit may be degrees, or an action is missing; the message
+            names file, column and line.
     """
     for column, unit in columns.units.items():
         table.column(column)
@@ -88,13 +111,16 @@ def assemble(
         )
     clock = _clock(table, columns.time, columns.units)
     action_clock = clock if columns.action_time is None else _clock(table, columns.action_time, columns.units)
+    _check_units(table, columns)
     units: dict[str, tuple[str, ...]] = {"qpos": _units(columns.joints, columns.units, "rad")}
     signals: dict[str, Any] = {
         "t_state": clock,
         "qpos": _signal(table, columns.joints, columns.units, columns.time, clock),
     }
-    for j, unit in enumerate(units["qpos"]):
+    for j, (unit, column) in enumerate(zip(units["qpos"], columns.joints.values(), strict=True)):
         if unit == "rad":
+            if column not in columns.units:
+                _check_radians(table, column, signals["qpos"][:, j])
             signals["qpos"][:, j] = unwrap(signals["qpos"][:, j])
     if columns.velocities:
         written = zip(columns.velocities.values(), units["qpos"], strict=True)
@@ -120,10 +146,43 @@ def assemble(
 
 
 def unwrap(angle: Array) -> Array:
-    """Remove jumps of 2π from an angle `[N]`, rad; NaN stays, and does not hide a jump."""
+    """Remove jumps of 2π from an angle `[N]`, rad; NaN stays, and does not hide a jump.
+
+    What turns further than once was not wrapped, and stays as it is.
+    """
     out, good = angle.copy(), np.isfinite(angle)
-    out[good] = np.unwrap(angle[good])
+    if good.any() and np.ptp(angle[good]) <= TURN:
+        out[good] = np.unwrap(angle[good])
     return out
+
+
+def _check_radians(table: Table, column: str, angle: Array) -> None:
+    """Refuse angles without a stated unit that may as well be degrees."""
+    q = angle[np.isfinite(angle)]
+    if not len(q):
+        return
+    jumps = np.abs(np.diff(q)).max(initial=0.0)
+    if np.abs(q).max() > 2 * np.pi * MOST_TURNS or (np.ptp(q) > TURN and jumps > np.pi):
+        raise InputError(
+            f"{table.path}, column {column!r}: positions from {q.min():.4g} to {q.max():.4g} may be degrees; say which "
+            f"unit they have, --unit {column}=deg or --unit {column}=rad."
+        )
+
+
+def _check_units(table: Table, columns: Columns) -> None:
+    """Refuse units of something else than what a column is."""
+    wanted: list[tuple[str, tuple[str, ...], str]] = [(columns.time, ("s",), "a clock")]
+    wanted += [(columns.action_time, ("s",), "a clock")] if columns.action_time is not None else []
+    wanted += [(name, POSITIONS, "a joint's position") for name in columns.joints.values()]
+    for joint, name in columns.velocities.items():
+        base = _unit(columns.units.get(columns.joints[joint], "rad"))
+        wanted.append((name, (f"{base}/s",), f"the velocity of a joint in {base}"))
+    wanted += [(name, COMMANDS, "a command") for name in columns.actions.values()]
+    for name, bases, what in wanted:
+        unit = columns.units.get(name)
+        if unit is not None and _unit(unit) not in bases:
+            known = ", ".join(u for base in bases for u in UNITS[base])
+            raise InputError(f"{table.path}: {name!r} is {what}, which is not in {unit!r}; its unit may be {known}.")
 
 
 def _clock(table: Table, name: str, units: Mapping[str, str]) -> Array:

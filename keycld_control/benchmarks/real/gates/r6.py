@@ -23,7 +23,7 @@ def run_file(run: str) -> RecordingFile:
     """One run; the action is the torque that the motor reports."""
     return RecordingFile(
         f"dfki_simple_pendulum/results/{run}/data_measured.csv",
-        Columns("time", {"hinge": "position"}, {"hinge": "velocity"}, {"motor": "torque"}),
+        Columns("time", {"hinge": "position"}, {"hinge": "velocity"}, {"motor": "torque"}, units={"position": "rad"}),
         run.removeprefix("control_method_"),
         "BSD-3-Clause",
         "dfki-ric-underactuated-lab/torque_limited_simple_pendulum",

@@ -1,0 +1,114 @@
+"""Whether an image shows the mechanism: what an agent asks before it acts on one.
+
+What differs from the background must lie where the keypoints say the mechanism is, and the keypoints must be as far
+from each other as its rods. The background is the median of what the model draws of many configurations, and how much
+may differ is what it draws at most; nothing of this needs other images than the model's own.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from keycld_control.plant import LearnedModel, Plant, project
+from keycld_control.skeleton import turned
+from keycld_control.targets import LENGTH_TOLERANCE, as_float
+from keycld_model import physics
+
+EVERY = 2
+"""Pixels apart, in either direction, are those that are looked at."""
+POSES = 48
+"""Configurations that are drawn to know the background."""
+REACH = 0.5
+"""Image units along a rail within which they are drawn."""
+NEAR = 0.25
+"""Image units from the mechanism's skeleton within which it is seen."""
+NOTICED = 0.1
+"""Difference of a pixel's mean over the colours, of 1, below which it may be noise or light."""
+MORE = 0.01
+"""Share of an image that may differ elsewhere beside what the model draws there."""
+LESS = 0.3
+"""Share of what the model draws at least that must be seen where the mechanism is."""
+
+
+class Plausibility(NamedTuple):
+    """What images of a mechanism have in common.
+
+    Attributes:
+        background: `[h, w, 3]` without the mechanism, 0 to 1, every second pixel.
+        grid: `[h, w, 2]` places of these pixels, image units.
+        tolerance: `[c]` by which constraints of keypoints may be off.
+        least: sum of differences from the background, of pixels near the mechanism, at least.
+        most: the same of the others, at most.
+    """
+
+    background: Array
+    grid: Array
+    tolerance: Array
+    least: float
+    most: float
+
+
+def expect(model: LearnedModel, plant: Plant, target: Array) -> Plausibility:
+    """Learn it from what a model draws.
+
+    Args:
+        model: the world model.
+        plant: its mechanics.
+        target: `[n]` a possible configuration.
+    """
+    rng, mechanism = np.random.default_rng(0), model.mechanism
+    angles = rng.uniform(-np.pi, np.pi, (POSES, len(mechanism.rods))).astype(np.float32)
+    along = rng.uniform(-REACH, REACH, POSES).astype(np.float32)
+    rail = np.zeros(2, np.float32)
+    for slider in mechanism.sliders:
+        rail = np.array([slider.normal[1], -slider.normal[0]], np.float32) / np.linalg.norm(slider.normal)
+
+    def pose(angle: Array, shift: Array) -> Array:
+        moved = turned(mechanism, target, angle, plant.pivot) + jnp.tile(shift * rail, mechanism.num_keypoints)
+        return project(plant, moved, jnp.zeros_like(moved), 5)[0]
+
+    poses = jax.jit(jax.vmap(pose))(angles, along)
+    drawn = jax.jit(lambda poses: jax.lax.map(model.render_fn, poses))(poses)
+    height, width = model.image_shape
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, width), np.linspace(1, -1, height)), axis=-1).astype(np.float32)
+    lengths = [np.sqrt(2 * max(float(level), 0.0)) for level in np.asarray(model.level)[: len(mechanism.rods)]]
+    lengths += [float(np.linalg.norm(slider.normal)) for slider in mechanism.sliders]
+    known = Plausibility(
+        jnp.asarray(np.median(drawn, axis=0)[::EVERY, ::EVERY]),
+        jnp.asarray(grid[::EVERY, ::EVERY]),
+        LENGTH_TOLERANCE * jnp.asarray(np.array(lengths, np.float32)),
+        0.0,
+        np.inf,
+    )
+    near, far = jax.jit(jax.vmap(lambda image, x: differences(plant, known, image, x)))(drawn, poses)
+    return known._replace(
+        least=LESS * float(near.min()), most=float(far.max()) + MORE * known.grid[..., 0].size * (1 - NOTICED)
+    )
+
+
+def shows_mechanism(plant: Plant, known: Plausibility, image: Array, keypoints: Array) -> Array:
+    """Whether an image `[H, W, 3]`, uint8 or float in 0..1, shows the mechanism at the keypoints `[n]` found in it."""
+    off = jnp.abs(physics.constraint(plant.mechanism, keypoints, plant.pivot) - plant.level)
+    near, far = differences(plant, known, image, keypoints)
+    return jnp.all(off <= known.tolerance) & (near >= known.least) & (far <= known.most)
+
+
+def differences(plant: Plant, known: Plausibility, image: Array, keypoints: Array) -> tuple[Array, Array]:
+    """Sums of what differs from the background near the keypoints' skeleton, and elsewhere."""
+    points, rods = keypoints.reshape(-1, 2), plant.mechanism.rods
+    ends = [(plant.pivot if rod.start is None else points[rod.start], points[rod.end]) for rod in rods]
+    alone = set(range(len(points))) - {k for rod in rods for k in (rod.start, rod.end)}
+    ends += [(points[k], points[k]) for k in sorted(alone)]
+    distance = jnp.full(known.grid.shape[:2], jnp.inf)
+    for start, end in ends:
+        along, to = end - start, known.grid - start
+        share = jnp.clip((to @ along) / (along @ along + 1e-9), 0.0, 1.0)
+        distance = jnp.minimum(distance, jnp.sum((to - share[..., None] * along) ** 2, axis=-1))
+    differs = jnp.maximum(
+        jnp.mean(jnp.abs(as_float(image[::EVERY, ::EVERY]) - known.background), axis=-1) - NOTICED, 0.0
+    )
+    near = jnp.sum(differs * (distance < NEAR**2))
+    return near, jnp.sum(differs) - near

@@ -1,0 +1,119 @@
+"""Images that show something else: the agent does not act on them, and goes on when images return."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracle import make_oracle, point_masses
+
+from keycld_control import EnergyShapingAgent
+from keycld_control.closed_loop import LoopSettings, make_loop
+from keycld_control.observer import first_estimate, predicted
+from keycld_control.plant import Plant
+from keycld_control.trust import DOUBTFUL, first_trust, judged, trusted
+from keycld_envs import REFERENCE_SYSTEMS
+from keycld_envs.errors import InputError
+from keycld_model import WorldModel
+from keycld_model.world_model import shipped_models
+
+SEED = 20_000
+KINDS = {
+    "black": np.zeros_like,
+    "white": lambda image: np.full_like(image, 255),
+    "noise": lambda image: np.random.default_rng(0).integers(0, 256, image.shape).astype(np.uint8),
+    "a white corner": lambda image: np.where(np.add.outer(np.arange(64), np.arange(64))[..., None] < 10, 255, image),
+    "half of it": lambda image: np.where(np.arange(64)[None, :, None] < 32, image, 0),
+    "upside down": lambda image: image[::-1].copy(),
+}
+
+
+def loop_of(name):
+    if name not in shipped_models():
+        pytest.skip(f"no weights for {name} in this installation")
+    return make_loop(LoopSettings(name, seed=SEED, start="random"))
+
+
+@pytest.mark.slow
+@pytest.mark.render
+@pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
+def test_it_lets_go_of_what_it_cannot_see_and_goes_on_when_it_can(name):
+    with loop_of(name) as loop:
+        agent, env = loop.agent, loop.env
+        frame, info = env.reset(seed=SEED)
+        last = round(0.3 / env.system.timestep) + 1
+        for kind, change in KINDS.items():
+            for _ in range(20):
+                frame, _, _, _, info = env.step(agent.act(frame))
+            assert agent.trusted, kind
+            for k in range(last + 5):
+                action = agent.act(change(frame).astype(np.uint8))
+                assert not agent.trusted, kind
+                assert k < last or not action.any(), kind
+                frame, _, _, _, info = env.step(action)
+        for _ in range(loop.steps):
+            frame, _, _, _, info = env.step(agent.act(frame))
+        assert agent.trusted and info["is_success"]
+
+
+@pytest.mark.slow
+@pytest.mark.render
+@pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
+def test_a_camera_that_stands_still_is_noticed(name):
+    with loop_of(name) as loop:
+        agent, env = loop.agent, loop.env
+        frame, _ = env.reset(seed=SEED)
+        for _ in range(5):
+            frame, *_ = env.step(agent.act(frame))
+        for _ in range(round(1.0 / env.system.timestep)):
+            action = agent.act(frame)
+            env.step(action)
+        assert not agent.trusted and not action.any()
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_an_undisturbed_episode_is_trusted_throughout():
+    with loop_of("acrobot") as loop:
+        frame, _ = loop.env.reset(seed=SEED)
+        for _ in range(300):
+            frame, *_ = loop.env.step(loop.agent.act(frame))
+            assert loop.agent.trusted
+
+
+def test_a_model_whose_answer_is_not_finite_is_refused():
+    if "pendulum" not in shipped_models():
+        pytest.skip("no weights in this installation")
+    model = WorldModel.load("pendulum")
+    image = model.render(np.array([[0.0, 0.45]]))
+    dynamics = {**model.parameters["dynamics"], "log_masses": jnp.full(1, jnp.nan)}
+    with pytest.raises(InputError):
+        EnergyShapingAgent(model.with_parameters({**model.parameters, "dynamics": dynamics}), image).act(image)
+
+
+def test_surprises_raise_doubt_and_agreement_ends_it():
+    plant = Plant.of(make_oracle("acrobot"))
+    there = jnp.asarray(point_masses("acrobot", (0.3, 0.5)), jnp.float32)
+    far = jnp.asarray(point_masses("acrobot", (1.2, -2.0)), jnp.float32)
+    yes, no, still = jnp.array(True), jnp.array(False), jnp.zeros(2)
+    estimate = first_estimate(plant, there)
+    trust = first_trust(estimate, jnp.array(0))
+    assert trusted(trust)
+    estimate, trust = judged(plant, trust, predicted(plant, estimate, still), still, far, yes, no, no)
+    assert not trusted(trust) and trust.doubt > DOUBTFUL
+    np.testing.assert_allclose(estimate.x, far, atol=1e-4)
+    for _ in range(6):
+        prior = predicted(plant, estimate, still)
+        estimate, trust = judged(plant, trust, prior, still, prior.x, yes, no, no)
+    assert trusted(trust)
+    prior = predicted(plant, estimate, still)
+    unseen, trust = judged(plant, trust, prior, still, there, no, no, no)
+    np.testing.assert_array_equal(unseen.x, prior.x)
+    assert not trusted(trust) and int(trust.unseen) == 1
+
+
+def test_what_is_no_image_stays_refused():
+    if "pendulum" not in shipped_models():
+        pytest.skip("no weights in this installation")
+    model = WorldModel.load("pendulum")
+    agent = EnergyShapingAgent(model, model.render(np.array([[0.0, 0.45]])))
+    with pytest.raises(InputError, match="values outside 0 to 1, or NaN"):
+        agent.act(np.full((64, 64, 3), np.nan))
