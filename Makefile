@@ -1,5 +1,6 @@
 # make demo     swing up the reference systems from pixels; table and clips
 # make test     all tests;  make test-fast: those of the inner loop, without whole diagnoses, trainings and frames
+# make fuzz     thousands of damaged inputs;  make kills: hundreds of killed commands
 # make lint     ruff;  make types: pyright;  make layers: import layers;  make docs: strict documentation
 # make weights  collect data and train the shipped weights anew
 # make bench    print every measured figure
@@ -10,7 +11,7 @@ SEED := 0
 DATA_SEED := 1
 DEBIAN := Debian, Ubuntu: apt-get install python3-venv libegl1 libgl1-mesa-dri
 
-.PHONY: demo test test-fast lint types layers docs weights bench libraries opengl clean
+.PHONY: demo test test-fast fuzz kills lint types layers docs weights bench libraries opengl clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -22,6 +23,12 @@ test: libraries .venv/.keycld-dev opengl
 
 test-fast: libraries .venv/.keycld-dev opengl
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow and not render' tests
+
+fuzz: libraries .venv/.keycld-dev
+	$(BIN)/python tests/reliability/fuzz.py --inputs 2000 --seed $(SEED)
+
+kills: libraries .venv/.keycld-dev opengl
+	$(BIN)/python tests/reliability/kills.py --kills 200 --seed $(SEED)
 
 lint: .venv/.keycld-dev
 	$(BIN)/ruff check .
