@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from keycld_envs.errors import InputError
@@ -53,7 +54,8 @@ def map_in_processes(function: Callable[[T], R], items: Iterable[T], workers: in
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker)
     try:
-        results = deque(pool.submit(function, item) for item in items)
+        with _without_interrupts():
+            results = deque(pool.submit(function, item) for item in items)
         while results:  # not pool.map, which cancels on its way out what the pool then cannot give up
             yield results.popleft().result()
     except BrokenProcessPool as error:
@@ -116,6 +118,19 @@ def _from_ray(function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
 
 def _call(function: Callable[[T], R], item: T) -> R:
     return function(item)
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Let processes that start here never see Ctrl-C, not even while Python starts; this one sees it afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def end_processes(processes: Sequence[multiprocessing.process.BaseProcess]) -> None:

@@ -69,16 +69,18 @@ def _interrupt(_: int, frame: FrameType | None) -> None:
         signal.setitimer(signal.ITIMER_REAL, SOON)
         return
     for number in (signal.SIGINT, signal.SIGALRM):
-        signal.signal(number, signal.SIG_IGN)
+        signal.signal(number, lambda *_: None)  # not SIG_IGN: Python prints a line about signals that wait
     raise KeyboardInterrupt
 
 
 def _unready(frame: FrameType | None) -> bool:
-    """Whether an exception would be lost or break a library: in an import, or in what garbage collection calls."""
+    """Whether an exception would be lost, break a library, or leave a process half started."""
     while frame is not None:
-        if frame.f_code.co_name == "_xla_gc_callback" or frame.f_code.co_filename.startswith("<frozen importlib"):
+        code, frame = frame.f_code, frame.f_back
+        if code.co_name == "_xla_gc_callback" or code.co_filename.startswith("<frozen importlib"):
             return True
-        frame = frame.f_back
+        if os.path.basename(code.co_filename).startswith("popen_"):  # of multiprocessing
+            return True
     return False
 
 

@@ -48,11 +48,12 @@ def test_it_ends_at_once(name, seconds, tmp_path):
         pytest.skip("no weights in this installation")
     words = [word.format(tmp_path) for word in COMMANDS[name]]
     command = [sys.executable, "-m", "keycld_control", *words]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, start_new_session=True, **pipes) as process:
         time.sleep(seconds)
         workers = descendants(process.pid)
         for _ in range(3):  # who is impatient presses again
-            process.send_signal(signal.SIGINT)
+            os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the command and its workers
             time.sleep(0.05)
         begun = time.monotonic()
         _, errors = process.communicate(timeout=30)
