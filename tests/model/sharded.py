@@ -1,6 +1,7 @@
-"""Trains a little on all devices: python sharded.py FOLDER [ADDRESS PROCESS]; two processes share an address."""
+"""Trains a little on all devices: python sharded.py FOLDER STAGES [ADDRESS PROCESS]; two processes share an address."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -23,12 +24,12 @@ PRESET = Preset(
 )
 
 
-def train_a_little(folder: Path, seed: int = 0) -> None:
-    """All stages, from random weights, which take no time to draw; no scores."""
+def train_a_little(folder: Path, seed: int = 0, preset: Preset = PRESET) -> None:
+    """From random weights, which take no time to draw; no scores."""
     setattr(Parts, "initial", lambda parts, seed: random_parameters(parts.config, seed))  # noqa: B010
     setattr(loop._Run, "_score", lambda *_, **__: float("nan"))  # noqa: B010
     loop.LOG_EVERY, loop.SAVE_EVERY, loop.COLLAPSED = 1, 0.0, 0.0
-    train(dataset(), CONFIG, folder, PRESET, seed)
+    train(dataset(), CONFIG, folder, preset, seed)
 
 
 def train_one(folder: Path, seed: int) -> None:
@@ -40,13 +41,13 @@ def train_one(folder: Path, seed: int) -> None:
     train_a_little(out, seed)
 
 
-def main(folder: str, *where: str) -> None:
+def main(folder: str, stages: str, *where: str) -> None:
     """Train, and say on what."""
     jax.config.update("jax_disable_most_optimizations", True)
     if where:
         jax.config.update("jax_cpu_collectives_implementation", "gloo")
         jax.distributed.initialize(where[0], num_processes=2, process_id=int(where[1]))
-    train_a_little(Path(folder))
+    train_a_little(Path(folder), preset=replace(PRESET, stages=PRESET.stages[: int(stages)]))
     print(f"{jax.process_count()} processes, {jax.device_count()} devices")
 
 

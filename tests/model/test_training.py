@@ -31,6 +31,8 @@ from keycld_model.training.joint import Joint
 from keycld_model.training.keypoint_tables import keypoint_table, local_polynomials
 from keycld_model.training.places import end_rods, lean_along_rails, rails, slide_along_rods, to_keypoints, to_masses
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 TINY = Preset(
     NETWORKS,
     (
@@ -98,7 +100,7 @@ def assert_same(first, second):
 
 
 @pytest.fixture(scope="module")
-def uninterrupted(tmp_path_factory, quick_start):
+def uninterrupted(tmp_path_factory, quick_start, unoptimised):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop, "LOG_EVERY", 1)
         patch.setattr(loop, "COLLAPSED", 0.0)
@@ -127,7 +129,7 @@ loop.train(dataset(), CONFIG, {out!r}, TINY, seed=3)
 def test_a_run_that_is_killed_again_and_again_ends_with_the_same_weights(uninterrupted, tmp_path):
     out = tmp_path / "killed"
     code = CHILD.format(here=str(Path(__file__).parent), out=str(out))
-    environment = os.environ | {"JAX_PLATFORMS": "cpu"}
+    environment = os.environ | {"JAX_PLATFORMS": "cpu", "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == -signal.SIGKILL, done.stderr
     assert 0 < read_checkpoint(out / "state")[1]["done"] < TINY.stages[0].steps

@@ -16,7 +16,7 @@ import damage  # noqa: E402
 
 QUICK = [t for t in damage.TARGETS if t.name not in ("MATLAB", "MATLAB, compressed", "recording: video", "MJCF")]
 OFTEN = settings(
-    max_examples=40,
+    max_examples=25,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.differing_executors],
@@ -40,7 +40,7 @@ def test_damaged_files_are_refused_or_what_was_written(tmp_path_factory, target,
         assert after == before or not target.sealed
 
 
-@settings(OFTEN, max_examples=80)
+@settings(OFTEN, max_examples=60)
 @given(seed=st.integers(0, 2**32))
 def test_odd_arguments_work_or_are_refused(tmp_path_factory, seed):
     damage.OPTIONS_FOLDER = str(tmp_path_factory.mktemp("options"))
