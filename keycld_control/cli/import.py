@@ -53,6 +53,7 @@ def run(args: Args) -> None:
     """Read, write, and say what was read."""
     import numpy as np
 
+    from keycld_control.cli._pairs import pairs
     from keycld_envs import resolve_env_id
     from keycld_envs.recordings import write_recording
     from keycld_envs.recordings.importers import Columns, assemble, read_csv, read_mat
@@ -63,11 +64,11 @@ def run(args: Args) -> None:
         table = read_csv(args.file, args.columns or None, drop_truncated_end=args.drop_truncated_end)
     columns = Columns(
         args.time,
-        _pairs("--joint", args.joint),
-        _pairs("--velocity", args.velocity),
-        _pairs("--action", args.action),
+        pairs("--joint", args.joint),
+        pairs("--velocity", args.velocity),
+        pairs("--action", args.action),
         args.action_time,
-        _pairs("--unit", args.unit),
+        pairs("--unit", args.unit),
         args.hold,
     )
     system = None if args.system is None else resolve_env_id(args.system)
@@ -83,18 +84,3 @@ def run(args: Args) -> None:
         "actuators": recording.actuator_names,
     }
     print_result(result, as_json=args.json)
-
-
-def _pairs(option: str, words: tuple[str, ...]) -> dict[str, str]:
-    """NAME=COLUMN words as a dictionary."""
-    from keycld_envs.errors import InputError
-
-    out: dict[str, str] = {}
-    for word in words:
-        name, equals, column = word.partition("=")
-        if not (name and equals and column):
-            raise InputError(f"{option} {word!r} is not NAME=COLUMN; write, for instance, {option} hinge=angle.")
-        if name in out:
-            raise InputError(f"{option} names {name!r} twice; name each once.")
-        out[name] = column
-    return out

@@ -37,7 +37,7 @@ class AddedPhysics:
                 raise InputError(f"effects has {short(effect)}; it must hold effects of keycld_envs.effects.")
             if effect.observes:
                 raise InputError(f"{effect.id} is in the measurement; an environment has only effects in the motion.")
-            _check_numbers(effect)
+            check_numbers(effect)
             known = {c.where for c in effect.candidates(model)}
             if not isinstance(effect.where, str) or effect.where not in known:
                 raise InputError(f"{effect.id} is at {short(effect.where)}; the model has {sorted(known)}.")
@@ -81,8 +81,8 @@ class AddedPhysics:
         friction[dof] = max(0.0, friction[dof] + (0.0 if more is None else float(more)))
 
 
-def _check_numbers(effect: Effect) -> None:
-    """Refuse numbers that are not finite or outside their bounds."""
+def check_numbers(effect: Effect) -> None:
+    """Raise InputError if a number of an effect is not finite or outside its bounds."""
     for p in effect.parameters():
         value = getattr(effect, p.name)
         if isinstance(value, bool) or not isinstance(value, Real) or not abs(cast(float, value)) <= 1e300:

@@ -1,0 +1,248 @@
+"""Conceals an effect in recordings: mechanism and sensors stay, what is known of the commands changes.
+
+If a motor gave u, and one writes down u + f(q, qd, t) instead, then -f acts and nobody knows.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from keycld_envs.effects.actuator_delay import ActuatorDelay
+from keycld_envs.effects.actuator_lag import ActuatorLag
+from keycld_envs.effects.base import Effect
+from keycld_envs.effects.edited import edited
+from keycld_envs.effects.functions import smooth_sign
+from keycld_envs.effects.places import ActuatorEffect
+from keycld_envs.effects.transmission import TransmissionEffect
+from keycld_envs.errors import InputError
+from keycld_envs.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+SMOOTHING = 0.05
+"""Seconds over which positions are taken as a polynomial of third order, to have velocities."""
+MOST_ROUNDS = 20
+"""Times that a force which depends on commands is computed again for the commands without it."""
+RESISTING = ("dof_damping", "dof_dampingpoly", "dof_frictionloss")
+"""What an effect may change of a model to be a force against the motion."""
+OTHERS = ("body_mass", "body_inertia", "body_ipos", "dof_armature", "jnt_stiffness")
+"""What makes it more than that."""
+
+
+@dataclass(frozen=True)
+class Concealed:
+    """A recording in which an effect is concealed.
+
+    Attributes:
+        recording: with other commands, or another clock of the sensors.
+        hidden: `[nv]` root mean square of the force that is not known, N m or N; zeros if clocks were changed.
+    """
+
+    recording: Recording
+    hidden: Array
+
+
+def conceal(recording: Recording, model: mujoco.MjModel, effect: Effect) -> Concealed:
+    """Conceal an effect in a recording.
+
+    What effects do in time counts from the first sample of the positions.
+
+    Args:
+        recording: with joint positions, and commands of all motors.
+        model: the simulator.
+        effect: with its place and size.
+
+    Returns:
+        A recording for which the model with the effect is as good as the model alone is for the one handed in.
+
+    Raises:
+        InputError: if the effect cannot be concealed in commands or clocks, as masses and the direction of gravity,
+            or acts on a joint without a motor.
+    """
+    _check(recording, model, effect)
+    if effect.observes:
+        return Concealed(_on_other_clock(recording, effect), np.zeros(model.nv))
+    if isinstance(effect, ActuatorEffect) and not effect.forces:
+        return _in_commands(recording, model, effect)
+    return _as_force(recording, model, effect)
+
+
+def _check(recording: Recording, model: mujoco.MjModel, effect: Effect) -> None:
+    who = f"Recording {recording.id!r}"
+    if recording.qpos is None or recording.t_state is None or len(recording.t_state) < 10:
+        raise InputError(
+            f"{who} has fewer than 10 samples of joint positions; conceal effects in recordings with more."
+        )
+    if recording.qpos.shape[1] != model.nq:
+        raise InputError(f"{who} has {recording.qpos.shape[1]} joints, the simulator has {model.nq}.")
+    if recording.action is None and not effect.observes:
+        raise InputError(f"{who} has no commands (action), in which {effect.id} could be concealed.")
+    if recording.action is not None and recording.action.shape[1] != model.nu:
+        raise InputError(f"{who} has {recording.action.shape[1]} actions, the simulator has {model.nu} actuators.")
+
+
+def _on_other_clock(recording: Recording, effect: Effect) -> Recording:
+    """With times at which a sensor with the effect would have shown the same."""
+    t = np.asarray(recording.t_state)
+    since = t - t[0]
+    at_one, at_zero = effect.observe(np.ones(1))[0], effect.observe(np.zeros(1))[0]
+    return replace(recording, t_state=t[0] + (since - at_zero) / (at_one - at_zero))
+
+
+def _in_commands(recording: Recording, model: mujoco.MjModel, effect: ActuatorEffect) -> Concealed:
+    """With commands that a motor with the effect would have needed."""
+    i = int(model.actuator(effect.where).id)
+    t, u = np.asarray(recording.t_action), np.asarray(recording.action, np.float64)
+    if isinstance(effect, ActuatorDelay):
+        times, told = t - effect.d, u[:, i]
+    elif isinstance(effect, ActuatorLag):
+        times, told = _leading(t, u[:, i], effect.lag)
+    else:
+        times, told = t, _inverse(effect, u[:, i])
+    every = np.union1d(t, times)
+    action = np.stack([_held(every, *((times, told) if k == i else (t, u[:, k]))) for k in range(model.nu)], axis=1)
+    wrong = np.zeros((len(every), model.nu))
+    wrong[:, i] = _held(every, t, u[:, i]) - action[:, i]
+    hidden = np.zeros(model.nv)
+    hidden[effect.dof(model)] = _rms(effect.torque_of(model, wrong))
+    return Concealed(replace(recording, t_action=every, action=action), hidden)
+
+
+def _inverse(effect: ActuatorEffect, u: Array) -> Array:
+    """Commands for which a motor that answers at once gives u `[T]`, found on the curve of what it gives."""
+    most = float(np.max(np.abs(u))) or 1.0
+    tried = np.linspace(-20 * most, 20 * most, 400_001)
+    given = effect.motor(tried, 1.0)
+    low, high = np.searchsorted(given, u, "left"), np.searchsorted(given, u, "right")
+    if np.any(np.diff(given) < 0) or given[0] > u.min() or given[-1] < u.max():
+        raise InputError(
+            f"{effect.id} at {effect.where!r} cannot be concealed: no command gives all that was commanded."
+        )
+    right = np.interp(u, *_rising(given, tried))
+    return np.where((u == 0) & (low < high), 0.0, right)
+
+
+def _rising(x: Array, y: Array) -> tuple[Array, Array]:
+    """Points of a curve where it rises."""
+    there = np.concatenate([[True], np.diff(x) > 0]) & np.concatenate([np.diff(x) > 0, [True]])
+    return x[there], y[there]
+
+
+def _leading(t: Array, u: Array, lag: float) -> tuple[Array, Array]:
+    """Times and commands for which a motor with a lag gives the commands in the middle of each."""
+    middle = np.append((t[1:] + t[:-1]) / 2, t[-1])
+    keep = np.exp(-np.diff(middle) / max(lag, 1e-9))
+    told = (u[1:] - keep * u[:-1]) / np.maximum(1 - keep, 1e-9)
+    return np.concatenate([t[:1], middle]), np.concatenate([u[:1], told, u[-1:]])
+
+
+def _as_force(recording: Recording, model: mujoco.MjModel, effect: Effect) -> Concealed:
+    """With commands that lack the effect's force."""
+    t_state, t_action = np.asarray(recording.t_state), np.asarray(recording.t_action)
+    every = np.union1d(t_action, t_state[(t_state >= t_action[0]) & (t_state <= t_action[-1])])
+    action = np.stack([_held(every, t_action, u) for u in np.asarray(recording.action, np.float64).T], axis=1)
+    step = float(np.median(np.diff(every)))
+    middle = every + np.append(np.diff(every), step) / 2
+    q, v = _motion(recording, middle)
+    force, known = np.zeros_like(v), action
+    for _ in range(MOST_ROUNDS):  # forces may depend on commands
+        before, force = force, hidden_force(effect, model, middle - t_state[0], q, v, known)
+        known = action - _commands_of(force, model, effect)
+        if np.allclose(force, before, rtol=1e-9, atol=1e-12):
+            break
+    return Concealed(replace(recording, t_action=every, action=known), np.array([_rms(f) for f in force.T]))
+
+
+def _commands_of(force: Array, model: mujoco.MjModel, effect: Effect) -> Array:
+    """Commands `[T, nu]` for generalised forces `[T, nv]`."""
+    out, per_command = np.zeros((len(force), model.nu)), _torque_per_command(model)
+    for dof in np.flatnonzero(np.any(force != 0, axis=0)):
+        if not per_command[dof].any():
+            name = model.joint(int(model.dof_jntid[dof])).name
+            raise InputError(
+                f"{effect.id} at {effect.where!r} acts on the joint {name!r}, which has no motor in whose command it "
+                "could be concealed; choose a joint with a motor."
+            )
+        i = int(np.abs(per_command[dof]).argmax())
+        out[:, i] += force[:, dof] / per_command[dof, i]
+    return out
+
+
+def hidden_force(effect: Effect, model: mujoco.MjModel, t: Array, q: Array, v: Array, u: Array) -> Array:
+    """Generalised force `[T, nv]` of an effect along a motion, N m or N.
+
+    Args:
+        effect: a force, or friction and damping that it adds to a model.
+        model: the simulator.
+        t: `[T]` times, s.
+        q: `[T, nq]` positions.
+        v: `[T, nv]` velocities.
+        u: `[T, nu]` commands.
+
+    Raises:
+        InputError: if the effect changes a model in other ways.
+    """
+    after = edited(model, [effect])
+    between = isinstance(effect, TransmissionEffect)
+    unlike = [name for name in OTHERS if not np.allclose(getattr(after, name), getattr(model, name), rtol=1e-12)]
+    if between or unlike or not np.array_equal(after.opt.gravity, model.opt.gravity):
+        raise InputError(
+            f"{effect.id} at {effect.where!r} is no force that a motor could have given; what can be concealed are "
+            "forces at joints with motors, errors of motors, and errors of the sensors' clock."
+        )
+    damping, polynomial, friction = (np.asarray(getattr(after, n) - getattr(model, n)) for n in RESISTING)
+    out = -damping * v - friction * smooth_sign(v)
+    for power, coefficient in enumerate(polynomial.T, start=1):
+        out -= coefficient * v * np.abs(v) ** power
+    if not effect.memory:
+        return out + effect.force(model, t, q, v, u)
+    memory, steps = effect.begin(model, v[0]), np.diff(t, append=2 * t[-1] - t[-2])
+    for k, h in enumerate(steps):
+        force, memory = effect.advance(model, memory, t[k], q[k], v[k], u[k], float(h))
+        out[k] += force
+    return out
+
+
+def _motion(recording: Recording, times: Array) -> tuple[Array, Array]:
+    """Positions and velocities `[T, nq]` at times; velocities from positions, made smooth, if none were measured."""
+    t, q = np.asarray(recording.t_state), np.asarray(recording.qpos, np.float64)
+    step = max(float(np.median(np.diff(t))), 1e-6)
+    even = t[0] + step * np.arange(round((t[-1] - t[0]) / step) + 1)
+    window = min(max(5, 2 * round(SMOOTHING / step / 2) + 1), (len(even) - 1) // 2 * 2 + 1)
+    smooth: Callable[[Array, int], Array] = lambda x, deriv: savgol_filter(x, window, 3, deriv=deriv, delta=step)  # noqa: E731
+    along = np.stack([_interpolated(even, t, x) for x in q.T])
+    at = [np.stack([np.interp(times, even, smooth(x, deriv)) for x in along], axis=1) for deriv in (0, 1)]
+    if recording.qvel is not None:
+        at[1] = np.stack([_interpolated(times, t, x) for x in np.asarray(recording.qvel, np.float64).T], axis=1)
+    return at[0], at[1]
+
+
+def _interpolated(times: Array, t: Array, x: Array) -> Array:
+    """At times, between samples that are there."""
+    there = np.isfinite(x)
+    return np.interp(times, t[there], x[there])
+
+
+def _held(times: Array, t: Array, u: Array) -> Array:
+    """Commands at times; each holds until the next, the first from ever."""
+    return u[np.maximum(np.searchsorted(t, times, "right") - 1, 0)]
+
+
+def _torque_per_command(model: mujoco.MjModel) -> Array:
+    """Torque at each joint for a unit of each command, `[nv, nu]`, of motors whose torque is linear in it."""
+    out = np.zeros((model.nv, model.nu))
+    for i in range(model.nu):
+        if (
+            model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+            and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
+        ):
+            dof = int(model.jnt_dofadr[model.actuator_trnid[i, 0]])
+            out[dof, i] = model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0]
+    return out
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
