@@ -3,7 +3,6 @@
 If a motor gave u, and one writes down u + f(q, qd, t) instead, then -f acts and nobody knows.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -212,9 +211,9 @@ def _motion(recording: Recording, times: Array) -> tuple[Array, Array]:
     step = max(float(np.median(np.diff(t))), 1e-6)
     even = t[0] + step * np.arange(round((t[-1] - t[0]) / step) + 1)
     window = min(max(5, 2 * round(SMOOTHING / step / 2) + 1), (len(even) - 1) // 2 * 2 + 1)
-    smooth: Callable[[Array, int], Array] = lambda x, deriv: savgol_filter(x, window, 3, deriv=deriv, delta=step)  # noqa: E731
     along = np.stack([_interpolated(even, t, x) for x in q.T])
-    at = [np.stack([np.interp(times, even, smooth(x, deriv)) for x in along], axis=1) for deriv in (0, 1)]
+    smooth = [np.asarray(savgol_filter(along, window, 3, deriv=deriv, delta=step)) for deriv in (0, 1)]
+    at = [np.stack([np.interp(times, even, x) for x in derivative], axis=1) for derivative in smooth]
     if recording.qvel is not None:
         at[1] = np.stack([_interpolated(times, t, x) for x in np.asarray(recording.qvel, np.float64).T], axis=1)
     return at[0], at[1]

@@ -1,6 +1,7 @@
 """Concealed effects, against simulations that have them."""
 
 from dataclasses import replace
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -22,11 +23,12 @@ ARM = """
   <actuator><motor name="first" joint="shoulder" gear="2"/><motor name="second" joint="elbow"/></actuator>
 </mujoco>
 """
-STEP, SAMPLES = 0.005, 400
+STEP, SAMPLES = 0.005, 200
+TIMES = np.linspace(0, STEP * (SAMPLES - 1), SAMPLES)
 
 
 def commands() -> np.ndarray:
-    t = STEP * np.arange(SAMPLES)
+    t = TIMES
     u = np.stack([0.6 * np.sin(5 * t) + 0.2, 0.5 * np.cos(7 * t) - 0.3 * np.sin(3 * t)], axis=1)
     return u * (t >= 0.05)[:, None]  # delays have no past
 
@@ -47,8 +49,9 @@ def simulated(t_action: np.ndarray, action: np.ndarray, *added: e.Effect) -> np.
     return np.array(out)
 
 
+@cache
 def recorded() -> Recording:
-    t, u = STEP * np.arange(SAMPLES), commands()
+    t, u = TIMES, commands()
     return Recording(
         id="run",
         source="simulation",

@@ -30,7 +30,10 @@ def commands(shared: Path) -> dict[str, tuple[list[str], int]]:
     return {
         "collect": (keycld("collect", "pendulum", "--out", "{disk}/data", *collect), 40),
         "collect, two workers": (keycld("collect", "cartpole", "--out", "{disk}/data", *collect, "--workers", 2), 40),
-        "import": (keycld("import", log, "--out", "{disk}/r", "--time", "t", "--joint", "hinge=angle"), 40),
+        "import": (
+            keycld("import", log, "--out", "{disk}/r", "--time", "t", "--joint", "hinge=angle", "--unit", "angle=rad"),
+            40,
+        ),
         "conceal": (keycld("conceal", runs, *friction, "--out", "{disk}/concealed"), 24),
         "train": ([sys.executable, str(HERE / "small_train.py"), str(data), "{disk}/run"], 40),
         "swingup, video": (keycld("swingup", "pendulum", "--episodes", 1, "--video", "{disk}/clip.mp4"), 16),
