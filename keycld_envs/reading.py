@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
@@ -126,7 +127,7 @@ def _damage() -> Iterator[None]:
         yield
     except (EOFError, KeyError, TypeError, AttributeError, NotImplementedError, RuntimeError, MemoryError) as error:
         raise ValueError(str(error) or "it is cut short") from error
-    except (zipfile.BadZipFile, zlib.error, SyntaxError, OverflowError) as error:
+    except (zipfile.BadZipFile, zlib.error, SyntaxError, TokenError, OverflowError) as error:
         raise ValueError(str(error)) from error
 
 

@@ -65,6 +65,7 @@ def test_arrays_come_back_as_numpy_wrote_them(tmp_path):
         npy(claim("(1,)", "'(1000000000,)f8'"), b"\0" * 8),
         npy(claim("(1,)", "'|O'"), b"\0" * 8),
         npy(claim("[" * 9000 + "]" * 9000)),
+        npy(claim("(3, 16ape")),
         npy(claim("(3,)"), b"\0" * 24, b"\x93NUMPY\x07\x00"),
         b"no array",
         b"",
