@@ -133,6 +133,7 @@ def test_limits_may_be_given_in_three_ways():
     [
         ({"kp": 0.0}, "kp"),
         ({"kd": np.nan}, "kd"),
+        ({"kp": "a"}, "kp must be a positive finite number, got 'a'"),
         ({"law": "pid"}, "'turning'"),
         ({"action_limit": -1.0}, "enclose zero"),
         ({"action_limit": np.nan}, "enclose zero"),

@@ -63,6 +63,9 @@ def test_environments_with_effects_travel_and_repeat():
         (CoulombFriction("knee", c=0.1), "coulomb_friction is at 'knee'.*'elbow', 'shoulder'"),
         (ClockDrift(epsilon=0.1), "clock_drift is in the measurement"),
         ("friction", "must hold effects"),
+        (ViscousFriction("elbow", b=-5.0), "b=-5 .*must be 0 or more"),
+        (ViscousFriction("elbow", b=np.nan), "b=nan; it must be a finite number"),
+        (ActuatorDelay("elbow", d=1e9), r"d=1e\+09 s; it must be between 0 and 2"),
     ],
 )
 def test_effects_that_cannot_be_are_refused(effect, message):

@@ -46,6 +46,7 @@ def test_arguments(arguments: dict[str, Any], message: str) -> None:
         ({"qpos": "upright"}, "qpos must be 2 numbers"),
         ({"qvel": [np.inf, 0.0]}, "qvel must be finite"),
         ({"pos": [0.0, 0.0]}, r"may have 'qpos' and 'qvel', not \['pos'\]"),
+        ({"pos": 1, 2: 3}, r"may have 'qpos' and 'qvel', not \['pos', 2\]"),
     ],
 )
 def test_reset_options(options: dict[str, Any], message: str) -> None:
@@ -60,6 +61,7 @@ def test_reset_options(options: dict[str, Any], message: str) -> None:
         ([0.0], r"action must have shape \(2,\), got \(1,\)"),
         (0.0, r"action must have shape \(2,\), got \(\)"),
         ("left", "action must be 2 numbers, got 'left'"),
+        ([0.0, 10**400], r"action must be 2 numbers, got \[0\.0, 1000"),
     ],
 )
 def test_actions(action: Any, message: str) -> None:

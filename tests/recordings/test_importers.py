@@ -120,6 +120,10 @@ def test_a_missing_command_is_refused_unless_the_one_before_holds() -> None:
         ({}, Columns("t", {}), "no joint has a column"),
         ({}, Columns("t", {"hinge": "q"}, {"knee": "q"}), r"velocities are named for \['knee'\]"),
         ({}, Columns("t", {"hinge": "q"}, units={"q": "furlong"}), "unit 'furlong' of 'q' is unknown"),
+        ({}, Columns("t", {"hinge": "q"}, units={"t": "deg"}), "'t' is a clock, which is not in 'deg'"),
+        ({}, Columns("t", {"hinge": "q"}, units={"q": "N m"}), "'q' is a joint's position, which is not in 'N m'"),
+        ({"q": [0.0, 6.0, 12.6]}, Columns("t", {"hinge": "q"}), "may be degrees; say .*, --unit q=deg"),
+        ({"q": [350.0, 356.0, 2.0]}, Columns("t", {"hinge": "q"}), "may be degrees; say which unit they have"),
     ],
 )
 def test_what_cannot_be_a_recording_is_refused(changed: dict, columns: Columns, message: str) -> None:
@@ -172,5 +176,7 @@ def test_the_command_writes_a_recording_or_one_sentence(tmp_path: Path, capsys: 
     recording = read_recording(tmp_path / "r")
     assert recording.joint_names == ("shoulder", "elbow")
     np.testing.assert_allclose(np.asarray(recording.qpos)[:, 1], np.deg2rad([90, 91, 92]))
+    assert main([*words, "--hold", "--system", "acrobt"]) == 2
+    assert "acrobot" in capsys.readouterr().err
     assert main([*words, "--hold", "--joint", "elbow"]) == 2
     assert "--joint 'elbow' is not NAME=COLUMN" in capsys.readouterr().err
