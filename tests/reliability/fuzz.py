@@ -71,7 +71,8 @@ def _work(connection: Connection, seed: int) -> None:
     connection.send(("ready", "", "", 0.0))
     while (number := connection.recv()) is not None:
         result = one(seed, number)
-        connection.send((*result, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6))
+        peaks = [resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+        connection.send((*result, max(peaks) / 1e6))
 
 
 class Worker:
@@ -109,20 +110,20 @@ class Worker:
 
 def run(inputs: int, seed: int, only: int | None = None) -> dict[str, dict[str, int]]:
     """Counts by kind and outcome; failures are printed."""
-    worker, counts, slowest = Worker(seed), {}, 0.0
+    worker, counts, slowest = Worker(seed), {}, (0.0, 0)
     bad = ("traceback", f"hang over {SECONDS:g} s", f"above {GIGABYTES:g} GB", "accepted although changed")
     for number in range(inputs) if only is None else [only]:
         begun = time.perf_counter()
         kind, outcome, details = worker.read(number)
         seconds = time.perf_counter() - begun
-        slowest = max(slowest, seconds)
+        slowest = max(slowest, (seconds, number))
         if seconds > SECONDS and outcome not in bad:
             outcome = bad[1]
         counts.setdefault(kind, {}).setdefault(outcome, 0)
         counts[kind][outcome] += 1
         if outcome in bad or only is not None:
             print(f"{number}: {kind}: {outcome}: {details}", file=sys.stderr)
-    print(f"seed {seed}, {inputs} inputs, the slowest {slowest:.2f} s", file=sys.stderr)
+    print(f"seed {seed}, {inputs} inputs, the slowest {slowest[0]:.2f} s, number {slowest[1]}", file=sys.stderr)
     return counts
 
 
