@@ -1,8 +1,9 @@
 """Whether an image shows the mechanism: what an agent asks before it acts on one.
 
 What differs from the background must lie where the keypoints say the mechanism is, and the keypoints must be as far
-from each other as its rods. The background is the median of what the model draws of many configurations, and how much
-may differ is what it draws at most; nothing of this needs other images than the model's own.
+from each other as its rods. The rest must not be more like the background mirrored: that is a world in which motors
+push the other way. The background is the median of what the model draws of many configurations, and how much may differ
+is what it draws at most; nothing of this needs other images than the model's own.
 """
 
 from typing import NamedTuple
@@ -38,6 +39,7 @@ class Plausibility(NamedTuple):
 
     Attributes:
         background: `[h, w, 3]` without the mechanism, 0 to 1, every second pixel.
+        even: `[h, w, 3]` mean of the background and the background mirrored.
         grid: `[h, w, 2]` places of these pixels, image units.
         tolerance: `[c]` by which constraints of keypoints may be off.
         least: sum of differences from the background, of pixels near the mechanism, at least.
@@ -45,6 +47,7 @@ class Plausibility(NamedTuple):
     """
 
     background: Array
+    even: Array
     grid: Array
     tolerance: Array
     least: float
@@ -76,14 +79,16 @@ def expect(model: LearnedModel, plant: Plant, target: Array) -> Plausibility:
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, width), np.linspace(1, -1, height)), axis=-1).astype(np.float32)
     lengths = [np.sqrt(2 * max(float(level), 0.0)) for level in np.asarray(model.level)[: len(mechanism.rods)]]
     lengths += [float(np.linalg.norm(slider.normal)) for slider in mechanism.sliders]
+    background = np.median(drawn, axis=0)
     known = Plausibility(
-        jnp.asarray(np.median(drawn, axis=0)[::EVERY, ::EVERY]),
+        jnp.asarray(background[::EVERY, ::EVERY]),
+        jnp.asarray((background + background[:, ::-1])[::EVERY, ::EVERY] / 2),
         jnp.asarray(grid[::EVERY, ::EVERY]),
         LENGTH_TOLERANCE * jnp.asarray(np.array(lengths, np.float32)),
         0.0,
         np.inf,
     )
-    near, far = jax.jit(jax.vmap(lambda image, x: differences(plant, known, image, x)))(drawn, poses)
+    near, far, _ = jax.jit(jax.vmap(lambda image, x: differences(plant, known, image, x)))(drawn, poses)
     return known._replace(
         least=LESS * float(near.min()), most=float(far.max()) + MORE * known.grid[..., 0].size * (1 - NOTICED)
     )
@@ -92,12 +97,12 @@ def expect(model: LearnedModel, plant: Plant, target: Array) -> Plausibility:
 def shows_mechanism(plant: Plant, known: Plausibility, image: Array, keypoints: Array) -> Array:
     """Whether an image `[H, W, 3]`, uint8 or float in 0..1, shows the mechanism at the keypoints `[n]` found in it."""
     off = jnp.abs(physics.constraint(plant.mechanism, keypoints, plant.pivot) - plant.level)
-    near, far = differences(plant, known, image, keypoints)
-    return jnp.all(off <= known.tolerance) & (near >= known.least) & (far <= known.most)
+    near, far, mirrored = differences(plant, known, image, keypoints)
+    return jnp.all(off <= known.tolerance) & (near >= known.least) & (far <= known.most) & ~mirrored
 
 
-def differences(plant: Plant, known: Plausibility, image: Array, keypoints: Array) -> tuple[Array, Array]:
-    """Sums of what differs from the background near the keypoints' skeleton, and elsewhere."""
+def differences(plant: Plant, known: Plausibility, image: Array, keypoints: Array) -> tuple[Array, Array, Array]:
+    """Sums of what differs from the background near the keypoints' skeleton, and elsewhere; is the rest mirrored."""
     points, rods = keypoints.reshape(-1, 2), plant.mechanism.rods
     ends = [(plant.pivot if rod.start is None else points[rod.start], points[rod.end]) for rod in rods]
     alone = set(range(len(points))) - {k for rod in rods for k in (rod.start, rod.end)}
@@ -107,8 +112,9 @@ def differences(plant: Plant, known: Plausibility, image: Array, keypoints: Arra
         along, to = end - start, known.grid - start
         share = jnp.clip((to @ along) / (along @ along + 1e-9), 0.0, 1.0)
         distance = jnp.minimum(distance, jnp.sum((to - share[..., None] * along) ** 2, axis=-1))
-    differs = jnp.maximum(
-        jnp.mean(jnp.abs(as_float(image[::EVERY, ::EVERY]) - known.background), axis=-1) - NOTICED, 0.0
-    )
+    pixels = as_float(image[::EVERY, ::EVERY])
+    differs = jnp.maximum(jnp.mean(jnp.abs(pixels - known.background), axis=-1) - NOTICED, 0.0)
     near = jnp.sum(differs * (distance < NEAR**2))
-    return near, jnp.sum(differs) - near
+    alike = jnp.sum((pixels - known.even) * (known.background - known.even), axis=-1)
+    mirrored = jnp.sum(jnp.where(differs + differs[:, ::-1] == 0, alike, 0.0)) < 0
+    return near, jnp.sum(differs) - near, mirrored

@@ -23,6 +23,7 @@ KINDS = {
     "a white corner": lambda image: np.where(np.add.outer(np.arange(64), np.arange(64))[..., None] < 10, 255, image),
     "half of it": lambda image: np.where(np.arange(64)[None, :, None] < 32, image, 0),
     "upside down": lambda image: image[::-1].copy(),
+    "mirrored": lambda image: image[:, ::-1].copy(),
 }
 
 
