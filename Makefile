@@ -1,6 +1,6 @@
 # make demo     swing up the reference systems from pixels; table and clips
 # make test     all tests;  make test-fast: those of the inner loop, without whole diagnoses, trainings and frames
-# make fuzz     thousands of damaged inputs;  make kills: hundreds of killed commands
+# make fuzz     thousands of damaged inputs;  make kills, make interrupts: hundreds of killed and interrupted commands
 # make lint     ruff;  make types: pyright;  make layers: import layers;  make docs: strict documentation
 # make weights  collect data and train the shipped weights anew
 # make bench    print every measured figure
@@ -11,7 +11,7 @@ SEED := 0
 DATA_SEED := 1
 DEBIAN := Debian, Ubuntu: apt-get install python3-venv libegl1 libgl1-mesa-dri
 
-.PHONY: demo test test-fast fuzz kills lint types layers docs weights bench libraries opengl clean
+.PHONY: demo test test-fast fuzz kills interrupts lint types layers docs weights bench libraries opengl clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -29,6 +29,9 @@ fuzz: libraries .venv/.keycld-dev
 
 kills: libraries .venv/.keycld-dev opengl
 	$(BIN)/python tests/reliability/kills.py --kills 200 --seed $(SEED)
+
+interrupts: libraries .venv/.keycld-dev opengl
+	$(BIN)/python tests/reliability/interrupts.py --interrupts 100 --seed $(SEED)
 
 lint: .venv/.keycld-dev
 	$(BIN)/ruff check .
