@@ -107,6 +107,11 @@ class Worker:
         self._start()
         return outcome
 
+    def end(self) -> None:
+        """Let the process end."""
+        self._here.send(None)
+        self._process.join()
+
 
 def run(inputs: int, seed: int, only: int | None = None) -> dict[str, dict[str, int]]:
     """Counts by kind and outcome; failures are printed."""
@@ -123,6 +128,7 @@ def run(inputs: int, seed: int, only: int | None = None) -> dict[str, dict[str, 
         counts[kind][outcome] += 1
         if outcome in bad or only is not None:
             print(f"{number}: {kind}: {outcome}: {details}", file=sys.stderr)
+    worker.end()
     print(f"seed {seed}, {inputs} inputs, the slowest {slowest[0]:.2f} s, number {slowest[1]}", file=sys.stderr)
     return counts
 
