@@ -101,19 +101,19 @@ def of_json(*patterns: str) -> Callable[[Path], str]:
     return digest
 
 
-def scenarios(shared: Path) -> list[Scenario]:
-    """All of them; what they read lies in a shared folder."""
+def scenarios(shared: Path, only: str | None = None) -> list[Scenario]:
+    """All of them, or one; what they read lies in a shared folder."""
     runs = shared / "runs"
-    if not runs.exists():
+    if only in (None, "diagnose"):
         code = DIAGNOSE.format(tests=str(HERE.parent / "diagnosis"), out=str(runs))
         subprocess.run([sys.executable, "-c", code], check=True)
     collect = ["--episodes", 40, "--steps", 10, "--width", 16, "--height", 16, "--workers", 2]
     small = ["--cases", 2, "--seed", 3]
     made = shared / "blind"
-    if not made.exists():
+    if only in (None, "blind run"):
         subprocess.run(keycld("blind", "make", made, *small), check=True, capture_output=True)
 
-    return [
+    every = [
         Scenario("collect", lambda out: keycld("collect", "pendulum", "--out", out, *collect), of_dataset),
         Scenario(
             "train", lambda out: [sys.executable, "-c", TRAIN.format(tests=str(MODEL_TESTS), out=str(out))], of_training
@@ -134,6 +134,7 @@ def scenarios(shared: Path) -> list[Scenario]:
             of_json("results/*.json"),
         ),
     ]
+    return [scenario for scenario in every if only in (None, scenario.name)]
 
 
 def one_run(scenario: Scenario, out: Path, seconds: float | None = None) -> tuple[float, int | None]:
@@ -158,7 +159,7 @@ def one_run(scenario: Scenario, out: Path, seconds: float | None = None) -> tupl
 def run(kills: int, seed: int, folder: Path, only: str | None = None) -> dict[str, dict[str, int]]:
     """Kill every command in turn."""
     rng, counts = random.Random(seed), {}
-    chosen = [s for s in scenarios(folder) if only in (None, s.name)]
+    chosen = scenarios(folder, only)
     for scenario in chosen:
         whole = folder / "whole" / scenario.name
         seconds, _ = one_run(scenario, whole)
