@@ -1,7 +1,7 @@
 """Thousands of damaged inputs: `make fuzz`, or python tests/reliability/fuzz.py --inputs 2000 --seed 0.
 
-Each input is read in a process that may take 5 s and 1 GB. Prints a table, and what went wrong with the numbers that
-make it again (--only NUMBER).
+Each input is read in a process that may take 5 s and 1 GB; importing the library and writing the input do not count.
+Prints a table, and what went wrong with the numbers that make it again (--only NUMBER).
 """
 
 import argparse
@@ -14,6 +14,7 @@ import tempfile
 import time
 import traceback
 import warnings
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -22,8 +23,8 @@ OPTIONS = "options"
 HERE = Path(__file__).parent
 
 
-def one(seed: int, number: int) -> tuple[str, str, str]:
-    """Damage and read one input: its kind, what came of it, and details."""
+def one(seed: int, number: int, begin: Callable[[], object]) -> tuple[str, str, str]:
+    """Damage one input and, after a call of `begin`, read it: its kind, what came of it, and details."""
     import damage
 
     from keycld_envs.errors import InputError
@@ -36,6 +37,7 @@ def one(seed: int, number: int) -> tuple[str, str, str]:
         folder = Path(name)
         if target is None:
             damage.OPTIONS_FOLDER = name
+            begin()
             try:
                 damage.try_options(rng)
             except InputError as error:
@@ -49,6 +51,7 @@ def one(seed: int, number: int) -> tuple[str, str, str]:
         if content == whole:
             return target.name, "unchanged", how
         path.write_bytes(content)
+        begin()
         try:
             after = target.read(folder)
         except InputError as error:
@@ -70,9 +73,11 @@ def _work(connection: Connection, seed: int) -> None:
     sys.path[:0] = [str(HERE), str(HERE.parent / "model")]
     connection.send(("ready", "", "", 0.0))
     while (number := connection.recv()) is not None:
-        result = one(seed, number)
+        begun = [time.perf_counter()]
+        result = one(seed, number, lambda begun=begun: begun.append(time.perf_counter()))
+        seconds = time.perf_counter() - begun[-1]
         peaks = [resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-        connection.send((*result, max(peaks) / 1e6))
+        connection.send((*result, seconds, max(peaks) / 1e6))
 
 
 class Worker:
@@ -90,19 +95,19 @@ class Worker:
         there.close()
         self._here.recv()
 
-    def read(self, number: int) -> tuple[str, str, str]:
-        """What came of an input."""
+    def read(self, number: int) -> tuple[str, str, str, float]:
+        """What came of an input, and after how many seconds."""
         self._here.send(number)
         try:
             if not self._here.poll(SECONDS * 4):
-                outcome = ("?", f"hang over {SECONDS:g} s", f"{number}")
+                outcome = ("?", f"hang over {SECONDS:g} s", f"{number}", SECONDS * 4)
             else:
-                *result, gigabytes = self._here.recv()
+                kind, result, details, seconds, gigabytes = self._here.recv()
                 if gigabytes <= GIGABYTES:
-                    return result[0], result[1], result[2]
-                outcome = (result[0], f"above {GIGABYTES:g} GB", f"{gigabytes:.2f} GB")
+                    return kind, result, details, seconds
+                outcome = (kind, f"above {GIGABYTES:g} GB", f"{gigabytes:.2f} GB", seconds)
         except EOFError:
-            outcome = ("?", "traceback", f"the process died, exit code {self._process.exitcode}")
+            outcome = ("?", "traceback", f"the process died, exit code {self._process.exitcode}", 0.0)
         self._process.kill()
         self._start()
         return outcome
@@ -118,9 +123,7 @@ def run(inputs: int, seed: int, only: int | None = None) -> dict[str, dict[str, 
     worker, counts, slowest = Worker(seed), {}, (0.0, 0)
     bad = ("traceback", f"hang over {SECONDS:g} s", f"above {GIGABYTES:g} GB", "accepted although changed")
     for number in range(inputs) if only is None else [only]:
-        begun = time.perf_counter()
-        kind, outcome, details = worker.read(number)
-        seconds = time.perf_counter() - begun
+        kind, outcome, details, seconds = worker.read(number)
         slowest = max(slowest, (seconds, number))
         if seconds > SECONDS and outcome not in bad:
             outcome = bad[1]
