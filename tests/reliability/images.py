@@ -7,7 +7,7 @@ the greatest speed of a joint, rad/s or m/s.
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -84,20 +84,22 @@ def fall(loop: Loop) -> float:
     return fastest
 
 
-def run(seed: int, spans: int) -> list[dict[str, Any]]:
-    """One row per system and kind of image."""
+def run(seed: int, spans: Sequence[int], only: str | None = None) -> list[dict[str, Any]]:
+    """One row per system, of all or one, and kind of image."""
     rows: list[dict[str, Any]] = []
     first = {}
     for name in REFERENCE_SYSTEMS:
         with make_loop(LoopSettings(name)) as loop:
             first[name] = loop.env.reset(seed=seed)[0].copy()
     for i, name in enumerate(REFERENCE_SYSTEMS):
+        if only not in (None, name):
+            continue
         other = first[REFERENCE_SYSTEMS[(i + 1) % len(REFERENCE_SYSTEMS)]]
         with make_loop(LoopSettings(name, start="random")) as loop:
             clean = max(episode(loop, 1000 * seed + 100 + k)[0] for k in range(CLEAN))
             passive = fall(loop)
             for kind in spoilers(np.random.default_rng(0), other, other):
-                done = [episode(loop, 1000 * seed + 200 + k, kind, s, other) for k, s in enumerate(SPANS[:spans])]
+                done = [episode(loop, 1000 * seed + 200 + k, kind, SPANS[k], other) for k in spans]
                 rows.append(
                     {
                         "system": name,
@@ -118,10 +120,11 @@ def run(seed: int, spans: int) -> list[dict[str, Any]]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--spans", type=int, default=len(SPANS), help="episodes per system and kind of image")
+    parser.add_argument("--span", type=int, action="append", help="which of the times with spoilt images; all if none")
+    parser.add_argument("--system", choices=REFERENCE_SYSTEMS)
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    table = run(given.seed, given.spans)
+    table = run(given.seed, given.span or range(len(SPANS)), given.system)
     if given.json:
         print(json.dumps(table))
     else:
