@@ -27,7 +27,9 @@ KILLS_IN_A_ROW = 8
 TRAIN = """
 import sys
 sys.path.insert(0, {tests!r})
+import jax
 from sharded import train_a_little
+jax.config.update("jax_disable_most_optimizations", True)
 from pathlib import Path
 train_a_little(Path({out!r}))
 """

@@ -4,6 +4,8 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import jax
+
 sys.path.insert(0, str(Path(__file__).parent.parent / "model"))
 from sharded import PRESET  # pyright: ignore[reportMissingImports]
 from swinging import random_parameters  # pyright: ignore[reportMissingImports]
@@ -14,6 +16,7 @@ from keycld_model.modules import Parts
 from keycld_model.training import PRESETS, loop
 
 if __name__ == "__main__":
+    jax.config.update("jax_disable_most_optimizations", True)
     for name, part in recordings.PARTS.items():
         recordings.PARTS[name] = replace(part, episodes=6, steps=12)
     PRESETS["nc"] = replace(PRESET, networks=replace(PRESET.networks, motion="unconstrained"))
