@@ -3,7 +3,7 @@
 An image that shows the mechanism may still be an old one, or one of another motion. What is seen must lie near its
 prediction, and over some frames within what noise and the model's errors explain; and a mechanism that should move
 does not show the same image again. Where this fails, the estimate begins anew, and is not acted on before images agree
-again, the longer the more often it has failed.
+again, the longer the more often it has failed; if they repeat, not before the mechanism should have moved.
 """
 
 from typing import NamedTuple
@@ -83,7 +83,8 @@ def judged(
         blind: too many images did not, for the prediction to count (scalar bool).
     """
     ghost = jax.lax.cond(repeated, lambda: predicted(plant, trust.ghost, action), lambda: trust.ghost)
-    shown = shown & ~(repeated & (surprise(ghost, keypoints) > FROZEN))
+    frozen = repeated & (surprise(ghost, keypoints) > FROZEN)
+    shown = shown & ~frozen
     off = surprise(prior, keypoints)
     doubt = trust.doubt + (off**2 / (prior.covariance[0] + KEYPOINT_NOISE**2) - trust.doubt) / MEMORY
     agrees = shown & ~blind & (off < LOST) & (trust.beginning | (doubt < DOUBTFUL))  # also false for NaN
@@ -97,8 +98,8 @@ def judged(
     fresh = ~repeated | (trust.repeats * plant.timestep > FROZEN_AFTER)
     return estimate, Trust(
         doubt,
-        anew | (trust.beginning & (doubt >= DOUBTFUL)),
-        jnp.where(shown, 0, jnp.minimum(trust.unseen + 1, 10_000)),
+        anew | (trust.beginning & ~(agrees & fresh & (doubt < DOUBTFUL))),
+        jnp.where(shown, 0, jnp.minimum(jnp.maximum(trust.unseen, jnp.where(frozen, trust.repeats, 0)) + 1, 10_000)),
         choose(fresh, estimate, ghost),
         jnp.where(fresh, 0, trust.repeats + 1),
     )

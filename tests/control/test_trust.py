@@ -1,5 +1,6 @@
 """Images that show something else: the agent does not act on them, and goes on when images return."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -109,6 +110,33 @@ def test_surprises_raise_doubt_and_agreement_ends_it():
     unseen, trust = judged(plant, trust, prior, still, there, no, no, no)
     np.testing.assert_array_equal(unseen.x, prior.x)
     assert not trusted(trust) and int(trust.unseen) == 1
+
+
+def test_an_old_image_again_and_again_is_not_acted_on():
+    """It agrees with itself, but the mechanism would not stay where it shows it."""
+    plant = Plant.of(make_oracle("acrobot"))
+    moving = first_estimate(plant, jnp.asarray(point_masses("acrobot", (0.3, 0.5)), jnp.float32))
+    old = jnp.asarray(point_masses("acrobot", (1.2, -2.0)), jnp.float32)
+    yes, no, still = jnp.array(True), jnp.array(False), jnp.zeros(2)
+    step = jax.jit(lambda e, t, again: judged(plant, t, predicted(plant, e, still), still, old, yes, again, no))
+    estimate, trust = step(moving, first_trust(moving, jnp.array(0)), no)
+    for _ in range(round(0.5 / plant.timestep)):
+        estimate, trust = step(estimate, trust, yes)
+        assert not trusted(trust) and trust.beginning
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_a_mechanism_that_hangs_still_is_acted_on_again():
+    with loop_of("acrobot") as loop:
+        agent, env = loop.agent, loop.env
+        frame, _ = env.reset(options={"qpos": [np.pi, 0.0]})
+        agent.act(np.zeros_like(frame))
+        for _ in range(round(1.0 / env.system.timestep)):
+            agent.act(frame)
+            if agent.trusted:
+                return
+        pytest.fail("it waits for ever")
 
 
 def test_what_is_no_image_stays_refused():
