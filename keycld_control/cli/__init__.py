@@ -30,7 +30,7 @@ from keycld_control import __version__
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, 128 + SIGINT's 2."""
-PATIENCE = 2.5
+PATIENCE = 2.0
 """Seconds from Ctrl-C until the process ends, even if it has not cleaned up."""
 SOON = 0.02
 """Seconds until an interrupt is tried again that came at a moment when it cannot be raised."""
