@@ -88,7 +88,9 @@ def without_times(value: Any) -> Any:
     """A report without seconds, folders and ids of processes."""
     if isinstance(value, dict):
         return {
-            k: without_times(v) for k, v in value.items() if "second" not in k and k not in ("reports", "cpu", "wall")
+            k: without_times(v)
+            for k, v in value.items()
+            if "second" not in k and k not in ("reports", "cpu_s", "wall_s")
         }
     return [without_times(v) for v in value] if isinstance(value, list) else value
 
