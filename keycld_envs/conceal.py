@@ -13,8 +13,7 @@ from scipy.signal import savgol_filter
 from keycld_envs.effects.actuator_delay import ActuatorDelay
 from keycld_envs.effects.actuator_lag import ActuatorLag
 from keycld_envs.effects.base import Effect
-from keycld_envs.effects.edited import edited
-from keycld_envs.effects.functions import smooth_sign
+from keycld_envs.effects.edited import edited, resistance, torque_per_command
 from keycld_envs.effects.places import ActuatorEffect
 from keycld_envs.effects.transmission import TransmissionEffect
 from keycld_envs.errors import InputError
@@ -25,10 +24,8 @@ SMOOTHING = 0.05
 """Seconds over which positions are taken as a polynomial of third order, to have velocities."""
 MOST_ROUNDS = 20
 """Times that a force which depends on commands is computed again for the commands without it."""
-RESISTING = ("dof_damping", "dof_dampingpoly", "dof_frictionloss")
-"""What an effect may change of a model to be a force against the motion."""
 OTHERS = ("body_mass", "body_inertia", "body_ipos", "dof_armature", "jnt_stiffness")
-"""What makes it more than that."""
+"""What an effect may not change of a model to be a force against the motion."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +154,7 @@ def _as_force(recording: Recording, model: mujoco.MjModel, effect: Effect) -> Co
 
 def _commands_of(force: Array, model: mujoco.MjModel, effect: Effect) -> Array:
     """Commands `[T, nu]` for generalised forces `[T, nv]`."""
-    out, per_command = np.zeros((len(force), model.nu)), _torque_per_command(model)
+    out, per_command = np.zeros((len(force), model.nu)), torque_per_command(model)
     for dof in np.flatnonzero(np.any(force != 0, axis=0)):
         if not per_command[dof].any():
             name = model.joint(int(model.dof_jntid[dof])).name
@@ -192,10 +189,7 @@ def hidden_force(effect: Effect, model: mujoco.MjModel, t: Array, q: Array, v: A
             f"{effect.id} at {effect.where!r} is no force that a motor could have given; what can be concealed are "
             "forces at joints with motors, errors of motors, and errors of the sensors' clock."
         )
-    damping, polynomial, friction = (np.asarray(getattr(after, n) - getattr(model, n)) for n in RESISTING)
-    out = -damping * v - friction * smooth_sign(v)
-    for power, coefficient in enumerate(polynomial.T, start=1):
-        out -= coefficient * v * np.abs(v) ** power
+    out = resistance(model, after, v)
     if not effect.memory:
         return out + effect.force(model, t, q, v, u)
     memory, steps = effect.begin(model, v[0]), np.diff(t, append=2 * t[-1] - t[-2])
@@ -228,19 +222,6 @@ def _interpolated(times: Array, t: Array, x: Array) -> Array:
 def _held(times: Array, t: Array, u: Array) -> Array:
     """Commands at times; each holds until the next, the first from ever."""
     return u[np.maximum(np.searchsorted(t, times, "right") - 1, 0)]
-
-
-def _torque_per_command(model: mujoco.MjModel) -> Array:
-    """Torque at each joint for a unit of each command, `[nv, nu]`, of motors whose torque is linear in it."""
-    out = np.zeros((model.nv, model.nu))
-    for i in range(model.nu):
-        if (
-            model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-            and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
-        ):
-            dof = int(model.jnt_dofadr[model.actuator_trnid[i, 0]])
-            out[dof, i] = model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0]
-    return out
 
 
 def _rms(x: Array) -> float:

@@ -25,6 +25,7 @@ class Args:
         recordings: Folder of recordings with joint positions.
         env: Environment to compare with; by default the one that the recordings name.
         mjcf: MuJoCo XML file to compare with instead.
+        baseline: Folder of recordings of the same mechanism from before, at least two; findings are what changed since.
         held_out: Folder of recordings to test findings on; by default a third of the recordings is held out.
         out: Folder for report.json, report.html (the same for people), and corrected.xml (the corrected simulator).
         tracked: Positions were read off images of a camera; its errors (a view askew, a rolling shutter) are refitted.
@@ -34,6 +35,7 @@ class Args:
     recordings: Positional[Path]
     env: str | None = None
     mjcf: Path | None = None
+    baseline: Path | None = None
     held_out: Path | None = None
     out: Path | None = None
     tracked: bool = False
@@ -53,6 +55,7 @@ def run(args: Args) -> int:
 
     recordings = read_dataset(args.recordings).recordings
     held_out = read_dataset(args.held_out).recordings if args.held_out else ()
+    baseline = read_dataset(args.baseline).recordings if args.baseline else ()
     if args.mjcf is not None and args.env is not None:
         raise InputError("There are two simulators, --env and --mjcf; name one.")
     if args.mjcf is None and args.env is None and len(systems := {r.system for r in recordings}) > 1:
@@ -63,7 +66,7 @@ def run(args: Args) -> int:
     source = Source.of(args.mjcf, args.env or recordings[0].system)
     if args.out is not None:
         args.out.mkdir(parents=True, exist_ok=True)
-    report = diagnose(recordings, source.model, held_out, args.tracked)
+    report = diagnose(recordings, source.model, held_out, args.tracked, baseline=baseline)
     if args.out is not None:
         write_json(args.out / "report.json", report.to_dict())
         corrected = None

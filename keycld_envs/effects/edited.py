@@ -1,12 +1,14 @@
-"""Models that effects have edited."""
+"""Models that effects have edited, and what their numbers do."""
 
 import copy
 from collections.abc import Sequence
 
 import mujoco
+import numpy as np
 
 from keycld_envs.constants import update_constants
-from keycld_envs.effects.base import Effect
+from keycld_envs.effects.base import Array, Effect
+from keycld_envs.effects.functions import smooth_sign
 
 
 def edited(model: mujoco.MjModel, effects: Sequence[Effect]) -> mujoco.MjModel:
@@ -15,4 +17,27 @@ def edited(model: mujoco.MjModel, effects: Sequence[Effect]) -> mujoco.MjModel:
     for effect in effects:
         effect.edit(out)
     update_constants(out)
+    return out
+
+
+def resistance(before: mujoco.MjModel, after: mujoco.MjModel, v: Array) -> Array:
+    """Force against the motion that one model has beyond another, `[..., nv]`, N m or N, at velocities `[..., nv]`."""
+    names = ("dof_damping", "dof_dampingpoly", "dof_frictionloss")
+    damping, polynomial, friction = (np.asarray(getattr(after, n) - getattr(before, n)) for n in names)
+    out = -damping * v - friction * smooth_sign(v)
+    for power, coefficient in enumerate(polynomial.T, start=1):
+        out -= coefficient * v * np.abs(v) ** power
+    return out
+
+
+def torque_per_command(model: mujoco.MjModel) -> Array:
+    """Torque at each joint for a unit of each command, `[nv, nu]`, of motors whose torque is linear in it."""
+    out = np.zeros((model.nv, model.nu))
+    for i in range(model.nu):
+        if (
+            model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+            and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
+        ):
+            dof = int(model.jnt_dofadr[model.actuator_trnid[i, 0]])
+            out[dof, i] = model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0]
     return out

@@ -13,6 +13,8 @@ class Criteria:
     Attributes:
         window_samples: samples of a window; long enough to show friction, short enough that rollouts stay near.
         rollout_windows: windows that a rollout over held-out recordings is as long as.
+        comparison_window: length of a window in which two sets of recordings are compared, s; some swings of the fastest
+            mechanism, so that initial states explain little.
         mass_spread: standard deviation expected of the logarithms of masses and lengths: scales and rulers at hand.
         zero_spread: standard deviation expected of an encoder's zero, rad or m.
         view_spread: standard deviation expected of what a camera that looks askew adds to a position, rad or m.
@@ -37,6 +39,11 @@ class Criteria:
         idealised_share: share of the misfit that idealised forms leave, and flexible ones may mend: what pulses may
             leave, and what a residual force must gain beside named effects.
         residual_force: nats that a residual force must gain on held-out recordings; its form is free.
+        changed: times that a difference between two sets of recordings must gain what it gains between runs of the
+            baseline; with five runs, Student's t goes beyond 4 (16 times) once in 200.
+        further_change: share of what the first difference gains that another must gain: real motion is no exact form,
+            and what differs in form looks like one more effect.
+        by_run: effects that may differ from run to run of the baseline by themselves, such as where a cable hangs.
         unexplained_share: share of the misfit that named effects may leave, for them to be certain.
         region: share of the squared force, and of the time, that intervals of positions and speeds hold.
         confined: length of the interval of a force, relative to that of the time, below which it is confined.
@@ -44,6 +51,7 @@ class Criteria:
 
     window_samples: int = 40
     rollout_windows: int = 4
+    comparison_window: float = 0.4
     mass_spread: float = 0.12
     zero_spread: float = 0.015
     view_spread: float = 0.03
@@ -64,6 +72,9 @@ class Criteria:
     pulse_share: float = 0.7
     idealised_share: float = 0.02
     residual_force: float = 15.0
+    changed: float = 15.0
+    by_run: int = 2
+    further_change: float = 0.3
     unexplained_share: float = 0.1
     region: float = 0.9
     confined: float = 0.5

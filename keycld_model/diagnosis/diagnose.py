@@ -8,6 +8,9 @@ import mujoco
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.comparison.compare import compare
+from keycld_model.diagnosis.comparison.motion import MOST
+from keycld_model.diagnosis.comparison.outcome import report_of
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.estimation.replay import error_unit, rollout_error
 from keycld_model.diagnosis.inputs.checks import check, check_apart
@@ -48,6 +51,7 @@ def diagnose(
     tracked: bool = False,
     observation: Observation | None = None,
     criteria: Criteria = STANDARD,
+    baseline: Sequence[Recording] = (),
 ) -> Report:
     """Find physics that a simulator lacks.
 
@@ -59,6 +63,8 @@ def diagnose(
             shutter that rolls.
         observation: what is measured in the recordings; joint positions by default.
         criteria: thresholds and priors.
+        baseline: recordings of the same mechanism from before, at least two. Findings are then what changed since, and
+            what nobody modelled, which is in both, does no harm.
 
     Returns:
         The report.
@@ -67,6 +73,13 @@ def diagnose(
         InputError: if there are both `tracked` and `observation`, if the recordings do not suit the model, or nothing
             can be learned from them.
     """
+    if baseline:
+        if held_out or tracked or observation is not None:
+            raise InputError(
+                "A baseline is compared by positions of encoders, and parts of the recordings are held out by themselves; "
+                "leave out held_out, tracked and observation."
+            )
+        return _changed(recordings, baseline, model, criteria)
     if tracked and observation is not None:
         raise InputError("tracked is of joint positions, but an observation is handed in; hand in one of them.")
     if observation is None:
@@ -78,6 +91,18 @@ def diagnose(
         explained = _explained(bare, training, observation, criteria, advance)
         report = _report(model, explained, test, advance)
     return replace(report, details={**report.details, "tracked": tracked})
+
+
+def _changed(
+    recordings: Sequence[Recording], baseline: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria
+) -> Report:
+    """What is different since the baseline."""
+    observation = JointPositions(model, criteria=criteria)
+    check([*recordings, *baseline], model, observation, MOST)
+    bare = without_contacts(model, [*recordings, *baseline], observation)
+    with progress("Comparing", total=100) as advance:
+        found = compare(recordings, baseline, bare, criteria, advance)
+        return report_of(found, bare, [r.id for r in baseline], criteria)
 
 
 def _report(

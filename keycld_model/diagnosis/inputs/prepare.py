@@ -77,10 +77,10 @@ def ready(recordings: Sequence[Recording], model: mujoco.MjModel, samples: int) 
     return out
 
 
-def thin(recording: Recording) -> Recording:
-    """With samples no closer than `CLOSEST`."""
+def thin(recording: Recording, closest: float = CLOSEST) -> Recording:
+    """With samples no closer than so many seconds, nearly."""
     t = np.asarray(recording.t_state)
-    every = max(1, round(CLOSEST / float(np.median(np.diff(t)))))
+    every = max(1, round(closest / float(np.median(np.diff(t)))))
     return _part(recording, slice(None, None, every)) if every > 1 else recording
 
 

@@ -119,6 +119,28 @@ def headline(verdict: Verdict, findings: Sequence[Finding], errors: FitErrors, u
     )
 
 
+def changed_headline(verdict: Verdict, findings: Sequence[Finding], errors: FitErrors, runs: int) -> str:
+    """What changed since a baseline, in one sentence.
+
+    Args:
+        verdict: of a report.
+        findings: of the report.
+        errors: of the report.
+        runs: of the baseline.
+    """
+    if not findings:
+        if verdict == "undetermined":
+            return "Some of the new recordings differ from the baseline, and others do not, or not in the same way."
+        return f"Nothing has changed: the recordings differ no more than the {runs} runs of the baseline among themselves."
+    what = _few(findings) if len(findings) < 3 else _many(findings)
+    since = "that the baseline has not" if verdict == "mismatch" else "that the baseline may not have"
+    verb = "falls" if errors.corrected < errors.refitted else "goes"
+    return (
+        f"{what[0].upper()}{what[1:]} {since}; held-out error {verb} from {error(errors.refitted)} to "
+        f"{error(errors.corrected)} {errors.unit}."
+    )
+
+
 def _few(findings: Sequence[Finding]) -> str:
     parts = []
     for finding in findings:

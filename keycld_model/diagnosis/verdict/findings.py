@@ -6,9 +6,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from keycld_envs.effects import Effect, ExternalPulse
+from keycld_envs.effects import Effect, ExternalPulse, Parameter
 from keycld_model.diagnosis.estimation.fit import Fit
-from keycld_model.diagnosis.estimation.parameters import effect_parameters
 from keycld_model.diagnosis.estimation.pulses import joined
 from keycld_model.diagnosis.estimation.replay import mean_square
 from keycld_model.diagnosis.search.criterion import Scored, above_noise
@@ -66,15 +65,21 @@ def _region(fit: Fit, effect: Effect) -> dict[str, tuple[float, float]] | None:
 
 
 def _estimates(effect: Effect, deviations: Iterator[float], model: mujoco.MjModel) -> dict[str, Estimate]:
-    out = {}
-    for known in effect_parameters([effect]):
-        value, deviation = getattr(effect, known.parameter.name), 1.645 * next(deviations)
-        low, high = max(value - deviation, known.parameter.low), min(value + deviation, known.parameter.high)
-        unit = known.parameter.unit
-        if _slides(effect, model) and not known.parameter.temporal:
-            unit = ALONG.get(unit, unit)
-        out[known.parameter.name] = Estimate(value, unit, low, high)
-    return out
+    return {
+        p.name: estimate(effect, p, getattr(effect, p.name), 1.645 * next(deviations), model)
+        for p in effect.parameters()
+    }
+
+
+def estimate(effect: Effect, parameter: Parameter, value: float, half: float, model: mujoco.MjModel) -> Estimate:
+    """A parameter of an effect with an interval of half a width, within its bounds if it is within them itself."""
+    low, high = value - half, value + half
+    if parameter.low <= value <= parameter.high:
+        low, high = max(low, parameter.low), min(high, parameter.high)
+    unit = parameter.unit
+    if _slides(effect, model) and not parameter.temporal:
+        unit = ALONG.get(unit, unit)
+    return Estimate(value, unit, low, high)
 
 
 def _slides(effect: Effect, model: mujoco.MjModel) -> bool:

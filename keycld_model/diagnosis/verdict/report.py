@@ -31,6 +31,8 @@ class Finding:
         parameters: by name.
         equation: in joint coordinates.
         confidence: probability that effect and place are right.
+        family_confidence: probability that an effect of this family is at this place; None where only the member was
+            looked for.
         rivals: ids of effects that these data do not exclude in its place; "encoder_zero" is no missing physics.
         rivals_where: their places, in the same order.
         when: seconds, None throughout.
@@ -49,6 +51,7 @@ class Finding:
     when: list[tuple[float, float]] | None = None
     when_by_recording: dict[str, list[tuple[float, float]]] | None = None
     region: dict[str, tuple[float, float]] | None = None
+    family_confidence: float | None = None
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,10 @@ class Report:
         held_out: their ids.
         next_experiment: None where nothing is left to tell apart.
         schema: of `to_dict`.
+        baseline: ids of the recordings that were compared with; of a comparison, findings are what changed since.
+        common: of a comparison, what both sets have that the simulator lacks; it is not the question, and less certain.
+        beyond_baseline: of a comparison, share of the time in which new recordings leave the range of the baseline, by
+            channel, such as "speed of elbow".
         details: of the fits.
         evidence: models, rollouts and residuals, for the page and the corrected model; not part of `to_dict`.
     """
@@ -136,6 +143,9 @@ class Report:
     held_out: list[str]
     next_experiment: Experiment | None = None
     schema: str = SCHEMA
+    baseline: list[str] = field(default_factory=list)
+    common: list[Finding] = field(default_factory=list)
+    beyond_baseline: dict[str, float] = field(default_factory=dict)
     details: dict[str, Any] = field(default_factory=dict)
     evidence: Evidence | None = field(default=None, repr=False, compare=False)
 

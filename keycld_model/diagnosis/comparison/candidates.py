@@ -1,0 +1,101 @@
+"""What may have changed, and how its size and form are found."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from keycld_envs.effects import Effect
+from keycld_envs.effects.places import ActuatorEffect
+from keycld_model.diagnosis.comparison.changes import Candidate, Contest, Difference
+from keycld_model.diagnosis.comparison.motion import Motion
+from keycld_model.diagnosis.comparison.regressors import answer_of, can_be_tested
+from keycld_model.diagnosis.search.hypotheses import Hypothesis, hypotheses, recorded_range
+
+Array = NDArray[np.float64]
+Test = Callable[[Contest, Candidate], Difference]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Candidates, and the columns of them all.
+
+    Attributes:
+        candidates: each with indices of its columns.
+        answers: `[W, r, C]` fall of whitened residuals per unit of each coefficient.
+    """
+
+    candidates: tuple[Candidate, ...]
+    answers: Array
+
+    @classmethod
+    def of(cls, motion: Motion) -> "Columns":
+        """All effects at all places that can be tested along a motion."""
+        candidates: list[Candidate] = []
+        answers: list[Array] = []
+        for hypothesis in hypotheses(motion.model, recorded_range(motion.windows)):
+            if can_be_tested(hypothesis.effect, motion.model):
+                own = answers_of(motion, hypothesis)
+                candidates.append(Candidate(hypothesis, tuple(range(len(answers), len(answers) + len(own)))))
+                answers += own
+        return cls(tuple(candidates), np.stack(answers, axis=-1))
+
+
+def answers_of(motion: Motion, hypothesis: Hypothesis, sizes: Sequence[float] | None = None) -> list[Array]:
+    """One column `[W, r]` per coefficient, per unit of it; of the effect as it is, if it has none.
+
+    Args:
+        motion: along which it acts.
+        hypothesis: the effect.
+        sizes: of the coefficients, where the effect is no line; small ones by default.
+    """
+    if not hypothesis.coefficients:
+        return [answer_of(motion, hypothesis.effect)]
+    amounts = [p.scale for p in hypothesis.coefficients] if sizes is None else sizes
+    return [
+        answer_of(motion, replace(hypothesis.effect, **{p.name: p.absent + amount})) / amount
+        for p, amount in zip(hypothesis.coefficients, amounts, strict=True)
+    ]
+
+
+def refined(contest: Contest, motion: Motion, found: Difference, test: Test) -> tuple[Contest, Difference]:
+    """A difference with its nonlinear parameters where it gains most, and a contest with its columns.
+
+    Each parameter is looked for by itself, between values around the one that it was found with (Brent, 1973).
+    """
+    hypothesis = found.candidate.hypothesis
+    best = (contest, found)
+
+    def tried(effect: Effect, sizes: Sequence[float] | None = None) -> tuple[Contest, Difference]:
+        now, before = replace(hypothesis, effect=effect), contest.regression.others.shape[2]
+        answers = np.stack(answers_of(motion, now, sizes), axis=-1)
+        own = contest.with_regression(contest.regression.with_others(answers))
+        columns = tuple(range(before, before + answers.shape[-1]))
+        candidate = Candidate(now, columns) if sizes is None else replace(found.candidate, changed=columns)
+        return own, test(own, candidate)
+
+    def searched(at: Callable[[float], tuple[Contest, Difference]], low: float, high: float) -> None:
+        nonlocal best
+        seen: dict[float, tuple[Contest, Difference]] = {}
+
+        def cost(x: float) -> float:
+            seen[x] = at(float(x))
+            return -seen[x][1].gain
+
+        options = {"maxiter": 12, "xatol": 0.01 * (high - low)}
+        minimize_scalar(cost, bounds=(low, high), method="bounded", options=options)
+        best = max([best, *seen.values()], key=lambda pair: pair[1].gain)
+
+    for parameter in [p for p in hypothesis.effect.parameters() if p.grid]:
+        now = best[1].candidate.hypothesis.effect
+        value = float(getattr(now, parameter.name))
+        low, high = (value / 2.5, value * 2.5) if value > 0 else (value - 0.5, value + 0.5)
+        low, high = max(low, parameter.low), min(high, parameter.high)
+        searched(lambda x, now=now, name=parameter.name: tried(replace(now, **{name: x})), low, high)
+    if isinstance(hypothesis.effect, ActuatorEffect) and len(hypothesis.coefficients) == 1:  # no line
+        size = abs(float(best[1].values[0]))
+        now = best[1].candidate.hypothesis.effect
+        searched(lambda x: tried(now, [float(np.exp(x))]), np.log(size / 2), np.log(size * 6))
+    return best

@@ -1,0 +1,58 @@
+"""Refuses sets of recordings that cannot be compared."""
+
+from collections.abc import Sequence
+
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.comparison.pushes import Overlap
+from keycld_model.diagnosis.inputs.prepare import spacing
+
+
+def check_alike(recordings: Sequence[Recording], baseline: Sequence[Recording]) -> None:
+    """Raise InputError if a baseline does not suit recordings, with both named."""
+    if len(baseline) < 2:
+        raise InputError(
+            f"The baseline has {len(baseline)} run; at least two are needed to tell change from chance, and four or "
+            "more tell it well. Record the mechanism again as it was."
+        )
+    new, old = recordings[0], baseline[0]
+    for field in ("joint_names", "actuator_names"):
+        ours, theirs = (tuple(getattr(r, field)) for r in (new, old))
+        if ours != theirs:
+            raise InputError(
+                f"Recording {new.id!r} has the {field} {list(ours)}, the baseline {old.id!r} has {list(theirs)}; compare "
+                "recordings of the same joints and actuators, in the same order."
+            )
+    for signal in ("qpos", "action"):
+        ours, theirs = (r.units.get(signal) for r in (new, old))
+        if ours != theirs and None not in (ours, theirs):
+            raise InputError(
+                f"Recording {new.id!r} has {signal} in {ours!r}, the baseline {old.id!r} in {theirs!r}; convert one of "
+                "them (units in meta.json)."
+            )
+    ours, theirs = spacing(recordings), spacing(baseline)
+    if max(ours, theirs) > 4 * min(ours, theirs) and max(ours, theirs) > 0.02:
+        raise InputError(
+            f"The recordings, such as {new.id!r}, have a sample every {1e3 * ours:.3g} ms, the baseline, such as "
+            f"{old.id!r}, every {1e3 * theirs:.3g} ms; record both at similar rates."
+        )
+    same = {r.id for r in recordings}.intersection(r.id for r in baseline if any(_equal(r, n) for n in recordings))
+    if same:
+        raise InputError(f"The recording {sorted(same)[0]!r} is in the baseline, too; compare with other runs.")
+
+
+def _equal(one: Recording, other: Recording) -> bool:
+    if one.qpos is None or other.qpos is None or one.qpos.shape != other.qpos.shape:
+        return False
+    both_action = one.action is not None and other.action is not None and one.action.shape == other.action.shape
+    return bool((one.qpos == other.qpos).all() and both_action and (one.action == other.action).all())
+
+
+def check_overlap(overlap: Sequence[Overlap]) -> None:
+    """Raise InputError if new recordings are nearly everywhere beyond the baseline."""
+    worst = max(overlap, key=lambda o: o.share)
+    if worst.share > 0.8:
+        raise InputError(
+            f"For {100 * worst.share:.0f} % of the time, the {worst.channel} in the recordings is beyond what the "
+            "baseline has; excite both alike, so that they can be compared."
+        )

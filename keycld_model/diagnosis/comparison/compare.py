@@ -1,0 +1,132 @@
+"""What changed between two sets of recordings: the stages in order."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.comparison.candidates import Columns
+from keycld_model.diagnosis.comparison.changes import Contest
+from keycld_model.diagnosis.comparison.checks import check_alike, check_overlap
+from keycld_model.diagnosis.comparison.motion import Motion
+from keycld_model.diagnosis.comparison.pushes import Overlap, beyond_baseline, pushes
+from keycld_model.diagnosis.comparison.regression import Discrepancy, regression
+from keycld_model.diagnosis.comparison.regressors import Term, shared_terms
+from keycld_model.diagnosis.comparison.selection import Change, Ranked, Selection, between_runs
+from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.inputs.prepare import ready, spacing, thin
+from keycld_model.diagnosis.simulation.variant import Pulse
+
+Array = NDArray[np.float64]
+RIGHT = 0.9
+"""Share of findings with no rival that were right, on development cases (docs/notebook/2026-11-24-what-changed.md)."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What two sets of recordings have in common, and what not.
+
+    Attributes:
+        motion: of both.
+        terms: that both share.
+        common: `[P]` their values.
+        deviations: `[P]` of these.
+        changes: accepted differences.
+        next_best: the best that was not accepted.
+        inconsistent: it gains in some of the new recordings only.
+        pulses: in the new recordings, which are numbered after those of the baseline.
+        overlap: what new recordings have beyond the baseline.
+        discrepancy: that nothing explains.
+        contest: in which changes were tested.
+    """
+
+    motion: Motion
+    terms: Sequence[Term]
+    common: Array
+    deviations: Array
+    changes: Sequence[Change]
+    next_best: Ranked | None
+    inconsistent: bool
+    pulses: Sequence[Pulse]
+    overlap: Sequence[Overlap]
+    discrepancy: Discrepancy
+    contest: Contest
+
+    @property
+    def right(self) -> float:
+        """Share of findings of comparisons that were right, on recordings of other rigs in which effects were concealed."""
+        return RIGHT
+
+
+def compare(
+    recordings: Sequence[Recording],
+    baseline: Sequence[Recording],
+    model: mujoco.MjModel,
+    criteria: Criteria,
+    advance: Callable[..., None],
+) -> Comparison:
+    """Find what is different in recordings.
+
+    Args:
+        recordings: new ones.
+        baseline: of the same mechanism before.
+        model: the simulator.
+        criteria: thresholds.
+        advance: of a progress bar of 100 steps.
+
+    Raises:
+        InputError: if the sets are not alike, the baseline is a single run, or their excitations do not overlap.
+    """
+    check_alike(recordings, baseline)
+    both = [*ready(baseline, model, 1), *ready(recordings, model, 1)]
+    slowest = max(spacing([recording]) for recording in both)
+    advance(0, "following the motion")
+    motion = Motion.of([thin(recording, slowest) for recording in both], model, criteria)
+    of_baseline = motion.windows.recording < len(baseline)
+    overlap = beyond_baseline(motion, of_baseline)
+    check_overlap(overlap)
+    advance(20, "columns of all effects")
+    terms, columns = shared_terms(motion, criteria), Columns.of(motion)
+    advance(10, "what the baseline leaves")
+    found, discrepancy = regression(motion, terms, columns.answers, of_baseline)
+    zeros = [(i, term.spread) for i, term in enumerate(terms) if term.zero]
+    recording, new = _halves(motion, len(baseline), len(recordings))
+    contest = Contest(found, columns.candidates, recording, tuple(range(len(baseline))), new, zeros)
+    advance(20, "how runs of the baseline differ")
+    chance = between_runs(contest, criteria)
+    advance(20, "testing differences")
+    selection = Selection(motion, terms, columns, contest, discrepancy, of_baseline, criteria, chance)
+    changes, next_best, inconsistent = selection.changes(advance)
+    advance(20, "looking for pushes")
+    contest = selection.contest
+    present = [column for change in changes for column in change.columns]
+    pulses = pushes(contest, motion, criteria, present)
+    nothing = np.zeros((int(of_baseline.sum()), found.target.shape[1], 0))
+    solution = contest.regression.solve(of_baseline, nothing, np.zeros(0))
+    advance(10)
+    return Comparison(
+        motion,
+        terms,
+        solution.values,
+        np.sqrt(np.maximum(np.diag(solution.covariance), 0.0)),
+        changes,
+        next_best,
+        inconsistent,
+        pulses,
+        overlap,
+        selection.discrepancy,
+        contest,
+    )
+
+
+def _halves(motion: Motion, baseline: int, new: int) -> tuple[NDArray[np.int64], tuple[int, ...]]:
+    """Recording of each window, a single new one cut into two halves, so that one can test the other."""
+    recording = motion.windows.recording.copy()
+    if new > 1:
+        return recording, tuple(range(baseline, baseline + new))
+    own = np.flatnonzero(recording == baseline)
+    recording[own[len(own) // 2 :]] = baseline + 1
+    return recording, (baseline, baseline + 1)

@@ -1,0 +1,219 @@
+"""The motion that recordings show, and the forces that a simulator would need for it.
+
+In each window, initial states and forces at the joints, constant over parts of the window, are fitted until the
+simulator moves as was measured (input estimation). Everything that a simulator may lack is linear along that motion: in
+inertias, in coefficients of friction, in what motors do. No measured signal is differentiated.
+"""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.estimation.problem import Problem
+from keycld_model.diagnosis.inputs.prepare import accurate_step, spacing
+from keycld_model.diagnosis.inputs.windows import Windows, cut
+from keycld_model.diagnosis.observation import JointPositions
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.simulation.variant import Variant
+
+Array = NDArray[np.float64]
+FEWEST, MOST = 12, 40
+"""Samples of a window."""
+PARTS = 16
+"""Parts of a window with a force of their own, at most."""
+FINEST = 2e-4
+"""Positions are followed no closer than this, rad or m: steps of the integrator are no better."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """W windows of a motion with nv joints, S steps and B parts each.
+
+    Attributes:
+        problem: windows and simulator, without dry friction, which would stop it where forces are looked for.
+        noise: `[nv]` standard deviation of the sensors, rad or m.
+        q: `[W, S, nv]` positions in the middle of the steps.
+        v: `[W, S, nv]` velocities.
+        a: `[W, S, nv]` accelerations.
+        u: `[W, S, nu]` commands.
+        time: `[W, S]` s from the start of the recording.
+        path: `[W, S + 1, nv]` positions and velocities at the steps.
+        required: `[W, S, nv]` generalised forces of the motion by inverse dynamics.
+        states: `[W, r, 2 nv]` minus the derivative of whitened residuals to initial states.
+        response: `[W, r, nv, B]` the same to forces at joints.
+        residual: `[W, r]` whitened residuals without the forces, to first order.
+    """
+
+    problem: Problem
+    noise: Array
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+    time: Array
+    path: tuple[Array, Array]
+    required: Array
+    states: Array
+    response: Array
+    residual: Array
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria) -> "Motion":
+        """The motion of recordings that are ready for a diagnosis."""
+        bare = copy.copy(model)
+        bare.dof_frictionloss[:] = 0.0
+        samples = int(np.clip(round(criteria.comparison_window / spacing(recordings)), FEWEST, MOST))
+        noise = JointPositions(bare).calibrated(recordings).noise
+        observation = JointPositions(bare, np.maximum(noise, FINEST))
+        simulator = Simulator(bare, accurate_step(recordings), criteria=criteria)
+        problem = Problem(simulator, cut(recordings, observation, simulator.step, samples))
+        pinned = _Pinned.of(problem)
+        (q, v, u), h = pinned.roll(), simulator.step
+        middle_v = 1.5 * np.diff(q, axis=1) / h - (v[:, 1:] + v[:, :-1]) / 4
+        middle_q = (q[:, 1:] + q[:, :-1]) / 2 - h / 8 * np.diff(v, axis=1)
+        a, windows = np.diff(v, axis=1) / h, problem.windows
+        residual, states, response = pinned.linearised()
+        return cls(
+            problem,
+            noise,
+            middle_q,
+            middle_v,
+            a,
+            u,
+            windows.begun[:, None] + (np.arange(windows.steps) + 0.5) * h,
+            (q, v),
+            inverse_dynamics(bare, middle_q, middle_v, a),
+            states,
+            response,
+            residual + np.einsum("wrjb,wbj->wr", response, pinned.forces),
+        )
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The simulator."""
+        return self.problem.simulator.model
+
+    @property
+    def windows(self) -> Windows:
+        """Of the recordings."""
+        return self.problem.windows
+
+    def over_parts(self, values: Array) -> Array:
+        """Means of values `[W, S, nv]` over the parts of the windows, `[W, B, nv]`."""
+        edges = self.windows.edges(self.response.shape[-1])
+        return np.add.reduceat(np.nan_to_num(values), edges[:-1], axis=1) / np.diff(edges)[:, None]
+
+    def answer(self, forces: Array) -> Array:
+        """Fall of whitened residuals `[W, r]` with forces `[W, S, nv]`."""
+        return np.einsum("wrjb,wbj->wr", self.response, self.over_parts(forces), optimize=True)
+
+
+def inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> Array:
+    """Generalised forces `[..., nv]` that a motion needs, without constraints."""
+    data, free = mujoco.MjData(model), copy.copy(model)
+    free.opt.disableflags = int(free.opt.disableflags) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    out = np.empty_like(v)
+    for at in np.ndindex(v.shape[:-1]):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[at], v[at], a[at]
+        mujoco.mj_inverse(free, data)
+        out[at] = data.qfrc_inverse
+    return out
+
+
+@dataclass
+class _Pinned:
+    """Initial states and forces that are being fitted.
+
+    Attributes:
+        problem: windows and simulator.
+        q: `[W, nv]` initial positions.
+        v: `[W, nv]` initial velocities.
+        forces: `[W, B, nv]`.
+        spread: `[nv]` standard deviation expected of forces: wide, so that the motion is followed.
+    """
+
+    problem: Problem
+    q: Array
+    v: Array
+    forces: Array
+    spread: Array
+
+    @classmethod
+    def of(cls, problem: Problem) -> "_Pinned":
+        """Fitted by damped Gauss-Newton steps, each window with a damping of its own."""
+        windows, model = problem.windows, problem.simulator.model
+        q, v = windows.initial_states()
+        parts = min(PARTS, windows.samples, windows.steps)
+        fast = 60.0  # rad/s^2 or m/s^2, acceleration that unknown forces may well make
+        out = cls(problem, q, v, np.zeros((len(q), parts, model.nv)), fast * np.maximum(model.dof_M0, 1e-9))
+        damping = np.full(len(q), 1e-6)
+        for _ in range(8):
+            gained, damping = out._step(damping)
+            if gained < 1.0:  # nats, in any window
+                break
+        return out
+
+    def _pushes(self, forces: Array) -> Array:
+        return np.repeat(forces, np.diff(self.problem.windows.edges(forces.shape[1])), axis=1)
+
+    def _residual(self, q: Array, v: Array, forces: Array) -> Array:
+        """Whitened residuals `[..., W, r]`, for arguments with the same leading shape."""
+        pushes = np.stack([self._pushes(f) for f in forces])
+        none = Variant(np.zeros(len(self.problem.nuisances)))
+        return self.problem.whiten(self.problem.predict([none], np.zeros(len(q), int), q, v, pushes))
+
+    def roll(self) -> tuple[Array, Array, Array]:
+        """Positions and velocities `[W, S + 1, nv]`, commands `[W, S, nu]`."""
+        none = Variant(np.zeros(len(self.problem.nuisances)))
+        one = np.zeros(1, np.int64)
+        pushes = self._pushes(self.forces)[None]
+        q, v, u = self.problem.simulator.roll(
+            [none], one, self.problem.windows, self.q[None], self.v[None], pushes=pushes
+        )
+        return q[0], v[0], u[0]
+
+    def linearised(self) -> tuple[Array, Array, Array]:
+        """Residuals `[W, r]`, and how they fall with initial states `[W, r, 2 nv]` and forces `[W, r, nv, B]`."""
+        (w, nv), parts = self.q.shape, self.forces.shape[1]
+        sizes = np.concatenate([np.full(nv, 1e-4), np.full(nv, 1e-3), np.repeat(0.01 * self.spread, parts)])
+        q, v, f = (np.repeat(x[None], 1 + len(sizes), axis=0) for x in (self.q, self.v, self.forces))
+        for j in range(nv):
+            q[1 + j, :, j] += sizes[j]
+            v[1 + nv + j, :, j] += sizes[nv + j]
+            for b in range(parts):
+                f[1 + 2 * nv + j * parts + b, :, b, j] += sizes[2 * nv + j * parts]
+        here, *there = self._residual(q, v, f)
+        slopes = np.moveaxis((here - np.stack(there)) / sizes[:, None, None], 0, -1)
+        return here, slopes[..., : 2 * nv], slopes[..., 2 * nv :].reshape(w, -1, nv, parts)
+
+    def _step(self, damping: Array) -> tuple[float, Array]:
+        """Nats gained in the window that gained most, and the damping after it."""
+        nv = self.q.shape[1]
+        here, states, response = self.linearised()
+        before = self._cost(here, self.forces)
+        slopes = np.concatenate([states, response.reshape(*here.shape, -1)], axis=-1)
+        prior = np.concatenate([np.zeros(2 * nv), np.repeat(self.spread**-2, self.forces.shape[1])])
+        flat = np.moveaxis(self.forces, 1, 2).reshape(len(self.q), -1)
+        normal = np.swapaxes(slopes, 1, 2) @ slopes + np.diag(prior)
+        right = np.einsum("wri,wr->wi", slopes, here)
+        right[:, 2 * nv :] -= prior[2 * nv :] * flat
+        normal += (damping[:, None] * np.einsum("wii->wi", normal))[..., None] * np.eye(len(prior))
+        move = np.linalg.solve(normal, right[..., None])[..., 0]
+        q, v = self.q + move[:, :nv], self.v + move[:, nv : 2 * nv]
+        forces = self.forces + np.moveaxis(move[:, 2 * nv :].reshape(len(q), nv, -1), 1, 2)
+        after = self._cost(self._residual(q[None], v[None], forces[None])[0], forces)
+        better = after < before
+        self.q, self.v = np.where(better[:, None], q, self.q), np.where(better[:, None], v, self.v)
+        self.forces = np.where(better[:, None, None], forces, self.forces)
+        gained = float(np.max(before - np.minimum(after, before)))
+        return gained if better.all() else np.inf, np.where(better, damping / 5, np.maximum(damping, 1e-5) * 30)
+
+    def _cost(self, residual: Array, forces: Array) -> Array:
+        """Nats of each window, `[W]`."""
+        return 0.5 * np.sum(residual**2, axis=1) + 0.5 * np.sum((forces / self.spread) ** 2, axis=(1, 2))

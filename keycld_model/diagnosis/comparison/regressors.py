@@ -1,0 +1,187 @@
+"""What each thing that a simulator may lack does along a motion, to first order: columns of a regression."""
+
+import copy
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.effects import (
+    ActuatorDelay,
+    ConstantForce,
+    CoulombFriction,
+    Effect,
+    QuadraticDrag,
+    ViscousFriction,
+    edited,
+)
+from keycld_envs.effects.edited import resistance, torque_per_command
+from keycld_envs.effects.places import ActuatorEffect
+from keycld_envs.effects.transmission import TransmissionEffect
+from keycld_model.diagnosis.comparison.motion import Motion, inverse_dynamics
+from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.simulation.sampling import interpolated
+
+Array = NDArray[np.float64]
+USUAL: tuple[type[Effect], ...] = (
+    ViscousFriction,
+    CoulombFriction,
+    ConstantForce,
+    QuadraticDrag,
+    ActuatorDelay,
+)
+"""What every mechanism has some of: in both sets of recordings, whatever changed.
+
+No gain of a motor: with masses and gains free, nothing that moves by nothing is a perfect explanation.
+"""
+DIFFERENCE = 0.02
+"""Share of an inertia, by which it is changed for its column."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """A number that both sets of recordings share.
+
+    Attributes:
+        name: for instance "mass of upper_arm", or an effect with its place.
+        column: `[W, r]` fall of whitened residuals per unit.
+        spread: standard deviation expected of it; infinite if nothing is known.
+        effect: whose first parameter it is; None of inertias and zeros.
+        zero: it is the zero of an encoder, which may differ from day to day.
+    """
+
+    name: str
+    column: Array
+    spread: float
+    effect: Effect | None = None
+    zero: bool = False
+
+
+def answer_of(motion: Motion, effect: Effect) -> Array:
+    """Fall of whitened residuals `[W, r]` with an effect as it is."""
+    if effect.observes:
+        return _clock(motion, effect)
+    return motion.answer(force_of(motion, effect))
+
+
+def can_be_tested(effect: Effect, model: mujoco.MjModel) -> bool:
+    """Whether what an effect does is a force along the motion, or a clock.
+
+    What has a rotor of its own is none, nor a motor that does not push in proportion to its command at one joint. What
+    drifts in the course of every run is no difference between sets of runs.
+    """
+    if isinstance(effect, TransmissionEffect) or effect.id == "parameter_drift":
+        return False
+    if isinstance(effect, ActuatorEffect):
+        return bool(torque_per_command(model)[:, model.actuator(effect.where).id].any())
+    return True
+
+
+def force_of(motion: Motion, effect: Effect) -> Array:
+    """Generalised forces of an effect along the motion, `[W, S, nv]`, N m or N."""
+    model = motion.model
+    if isinstance(effect, ActuatorEffect) and not effect.forces:
+        return _motor(motion, effect)
+    after = edited(model, [effect])
+    out = resistance(model, after, motion.v)
+    if not all(np.allclose(getattr(after, n), getattr(model, n), rtol=1e-12, atol=0) for n in _INERTIAL) or (
+        not np.array_equal(after.opt.gravity, model.opt.gravity)
+    ):
+        out = out + motion.required - inverse_dynamics(_without_resistance(after, model), motion.q, motion.v, motion.a)
+    if not effect.memory:
+        return out + effect.force(model, motion.time, motion.q, motion.v, motion.u)
+    memory, h = effect.begin(model, motion.path[1][:, 0]), motion.problem.simulator.step
+    for k in range(motion.windows.steps):
+        now = motion.time[:, k], motion.q[:, k], motion.v[:, k], motion.u[:, k]
+        force, memory = effect.advance(model, memory, *now, h)
+        out[:, k] += force
+    return out
+
+
+_INERTIAL = ("body_mass", "body_inertia", "body_ipos", "body_pos", "dof_armature", "jnt_stiffness", "qpos_spring")
+
+
+def _without_resistance(after: mujoco.MjModel, model: mujoco.MjModel) -> mujoco.MjModel:
+    """With the damping of another model, since what resists is counted by itself."""
+    after.dof_damping[:], after.dof_dampingpoly[:] = model.dof_damping, model.dof_dampingpoly
+    return after
+
+
+def _motor(motion: Motion, effect: ActuatorEffect) -> Array:
+    """Change of a motor's torque, `[W, S, nv]`."""
+    windows, model = motion.windows, motion.model
+    changed = [effect.command(model, u, windows.step) - u for u in windows.commands]
+    at = windows.first[:, None] + np.arange(windows.steps)
+    rows = [changed[r][np.clip(k, 0, len(changed[r]) - 1)] for r, k in zip(windows.recording, at, strict=True)]
+    return np.stack(rows) @ torque_per_command(model).T
+
+
+def _clock(motion: Motion, effect: Effect) -> Array:
+    """Change of what sensors show with another clock."""
+    windows, step = motion.windows, motion.problem.simulator.step
+    begun = windows.begun[:, None]
+    since = windows.time - windows.start[:, None]
+    then = effect.observe(since + begun) - begun
+    inside = np.clip(then, 0.0, windows.steps * step - 1e-9)
+    (here, _), (there, speed) = (interpolated(*motion.path, t, step) for t in (since, inside))
+    there = there + (then - inside)[..., None] * speed
+    measured = np.isfinite(windows.measured)
+    return np.where(measured, (there - here) / motion.problem.noise, 0.0).reshape(len(windows), -1)
+
+
+def shared_terms(motion: Motion, criteria: Criteria) -> list[Term]:
+    """What both sets have: inertias and zeros that are a little off, friction, and motors that are not quite exact."""
+    model = motion.model
+    out = [*_inertias(motion, criteria), *_zeros(motion, criteria)]
+    for kind in USUAL:
+        spread = 0.02 if kind is ActuatorDelay else np.inf  # s
+        for absent in kind.candidates(model):
+            if can_be_tested(absent, model):
+                (number,) = absent.parameters()
+                little = absent.with_parameters(**{number.name: number.absent + number.scale})
+                column = answer_of(motion, little) / number.scale
+                out.append(Term(f"{absent.id} at {absent.where}", column, spread, absent))
+    return [term for term in out if np.any(term.column)]
+
+
+def _inertias(motion: Motion, criteria: Criteria) -> list[Term]:
+    """Mass, centre of mass, inertia and length of every link, each by itself, and the rotors at joints."""
+    model, out = motion.model, []
+    for body in np.flatnonzero(model.body_dofnum):
+        children = np.flatnonzero(model.body_parentid == body)
+        changes = {
+            "mass": ("body_mass", [body], 1.0),
+            "centre of mass": ("body_ipos", [body], 1.0),
+            "inertia": ("body_inertia", [body], 2.0),
+            "length": ("body_pos", children, 0.25),
+        }
+        for name, (field, rows, times) in changes.items():
+            after = copy.copy(model)
+            numbers = getattr(after, field)
+            if np.any(numbers[rows]):
+                numbers[rows] *= 1 + DIFFERENCE
+                column = motion.answer(_more(motion, after))
+                out.append(Term(f"{name} of {model.body(body).name}", column, times * criteria.mass_spread))
+    for dof in range(model.nv):
+        force = np.where(np.arange(model.nv) == dof, -motion.a, 0.0)
+        name = f"rotor at {model.joint(int(model.dof_jntid[dof])).name}"
+        out.append(Term(name, motion.answer(force), criteria.mass_spread * float(model.dof_M0[dof])))
+    return out
+
+
+def _more(motion: Motion, after: mujoco.MjModel) -> Array:
+    """Forces that the motion no longer needs, per unit of a logarithm."""
+    return (motion.required - inverse_dynamics(after, motion.q, motion.v, motion.a)) / DIFFERENCE
+
+
+def _zeros(motion: Motion, criteria: Criteria) -> list[Term]:
+    """Zeros of encoders: what they shift by themselves, initial states make up for; gravity acts elsewhere."""
+    model, out, little = motion.model, [], 1e-3
+    for joint in range(model.njnt):
+        q = motion.q.copy()
+        q[..., joint] += little
+        force = (motion.required - inverse_dynamics(model, q, motion.v, motion.a)) / little
+        out.append(Term(f"zero of {model.joint(joint).name}", motion.answer(force), criteria.zero_spread, zero=True))
+    return out
+

@@ -1,0 +1,280 @@
+"""Changes that are accepted one after the other, and what else would explain each as well."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.effects import Effect, PositionDependentFriction
+from keycld_model.diagnosis.comparison.candidates import Columns, refined
+from keycld_model.diagnosis.comparison.changes import Candidate, Column, Contest, Difference, Key
+from keycld_model.diagnosis.comparison.motion import Motion
+from keycld_model.diagnosis.comparison.regression import Discrepancy, Mask, whitened_again
+from keycld_model.diagnosis.comparison.regressors import Term
+from keycld_model.diagnosis.criteria import Criteria
+
+Array = NDArray[np.float64]
+FINALISTS = 14
+"""Candidates that are fitted robustly, of those that gain most to first order."""
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A difference among others.
+
+    Attributes:
+        difference: what was tested.
+        chance: nats that such a difference gains between runs of the baseline, at least one per number.
+    """
+
+    difference: Difference
+    chance: float
+
+    @property
+    def times(self) -> float:
+        """Its gain over that of chance."""
+        return self.difference.gain / self.chance
+
+    @property
+    def effect(self) -> Effect:
+        """Of the candidate."""
+        return self.difference.candidate.hypothesis.effect
+
+    @property
+    def numbers(self) -> int:
+        """How many parameters it has."""
+        return len(self.effect.parameters())
+
+
+@dataclass(frozen=True)
+class Change:
+    """An accepted difference.
+
+    Attributes:
+        effect: with its parameters; a coefficient is `absent` plus its difference.
+        deviations: standard deviation of each parameter's difference, in their order.
+        ranked: how much it gains.
+        rivals: what explains as much, with the weight of each beside one of the change's own.
+        held_out: nats gained on recordings whose own part in the size was left out.
+        columns: of it in the new recordings.
+    """
+
+    effect: Effect
+    deviations: Array
+    ranked: Ranked
+    rivals: tuple[tuple[Ranked, float], ...]
+    held_out: float
+    columns: tuple[Column, ...]
+
+    def sized(self, contest: Contest, new: Sequence[int]) -> Effect:
+        """The effect with sizes from some of the new recordings."""
+        return _present(contest.test(self.ranked.difference.candidate, contest.baseline, new))
+
+
+@dataclass
+class Selection:
+    """Finds changes.
+
+    Attributes:
+        motion: of both sets.
+        terms: that both share.
+        columns: of all candidates.
+        contest: in which they are tested.
+        discrepancy: that nothing explains.
+        baseline: `[W]` windows of the baseline.
+        criteria: thresholds.
+        chance: nats of each candidate between runs of the baseline, by effect and place.
+        taken: what was accepted.
+    """
+
+    motion: Motion
+    terms: Sequence[Term]
+    columns: Columns
+    contest: Contest
+    discrepancy: Discrepancy
+    baseline: Mask
+    criteria: Criteria
+    chance: dict[Key, float]
+    taken: set[Key] = field(default_factory=set)
+
+    def changes(self, advance: Callable[..., None]) -> tuple[list[Change], Ranked | None, bool]:
+        """Accepted changes, the best one that was not, and whether it gains in some of the new recordings only."""
+        found: list[Change] = []
+        while len(found) < self.criteria.most_effects:
+            present = [column for change in found for column in change.columns]
+            ranked = self._ranked(present)
+            if not ranked or ranked[0].times < self.criteria.changed:
+                return found, ranked[0] if ranked else None, False
+            advance(0, f"sizing {ranked[0].effect.id} at {ranked[0].effect.where}")
+            change = self._change(ranked, present)
+            if change.held_out <= 0 or (found and change.ranked.difference.gain < self._least(found)):
+                return found, change.ranked, not found
+            found.append(change)
+            self.taken.add(change.effect.key)
+        return found, None, False
+
+    def _least(self, found: Sequence[Change]) -> float:
+        """Nats of a further change: the form of one that was found leaves a share of what it explains."""
+        return self.criteria.further_change * max(change.ranked.difference.gain for change in found)
+
+    def _ranked(self, present: Sequence[Column]) -> list[Ranked]:
+        """Candidates that are possible, the best first."""
+        best = self._tested(present)
+        joint = _dry_joint(best, self.motion)
+        if joint is not None and not self.discrepancy.more[:, joint].any():
+            size = next((r.difference.values[0] for r in best if r.effect.id == "coulomb_friction"), 0.0)
+            more = self.discrepancy.more.copy()
+            more[~self.baseline, joint] = abs(size)  # where it rests, the new friction may be any force as well
+            self.discrepancy = replace(self.discrepancy, more=more)
+            columns = self.contest.regression.others.shape[2]
+            again = whitened_again(
+                self.motion, self.terms, self.columns.answers, self.baseline, self.discrepancy
+            )
+            if again.others.shape[2] == columns:
+                self.contest = self.contest.with_regression(again)
+                best = self._tested(present)
+        possible = [r for r in best if _possible(r.difference)]
+        return sorted(possible, key=self._score, reverse=True)
+
+    def _score(self, ranked: Ranked) -> float:
+        """Gain, every number paid for: what chance gains, or a share of the gain."""
+        gain = ranked.difference.gain
+        price = max(3.0 * ranked.chance / ranked.numbers, self.criteria.idealised_share * gain)
+        return gain - price * ranked.numbers
+
+    def _tested(self, present: Sequence[Column]) -> list[Ranked]:
+        """The most promising candidates, fitted robustly, the best first."""
+        contest = self.contest
+        contest.weigh(contest.baseline, contest.new, present)
+        gains = contest.screen(contest.baseline, contest.new, present)
+        best: dict[Key, int] = {}
+        for i in np.argsort(-gains):
+            if contest.candidates[i].key not in self.taken:
+                best.setdefault(contest.candidates[i].key, int(i))
+        chosen = [contest.candidates[i] for i in list(best.values())[:FINALISTS]]
+        tested = [contest.test(c, contest.baseline, contest.new, present) for c in chosen]
+        out = [Ranked(d, self._chance(d)) for d in tested]
+        return sorted(out, key=lambda r: r.difference.gain, reverse=True)
+
+    def _chance(self, difference: Difference) -> float:
+        return max(float(len(difference.values)), self.chance.get(difference.candidate.key, 0.0))
+
+    def _change(self, ranked: Sequence[Ranked], present: Sequence[Column]) -> Change:
+        """The best with its parameters, refined beside those that come near."""
+        first = self._score(ranked[0])
+        near = [r for r in ranked if self._score(r) > 0.5 * first and r.times > self.criteria.changed][:5]
+        fits = [self._refined(r, present) for r in near]
+        contest, best = max(fits, key=lambda fit: self._score(fit[1]))
+        rest = [r for _, r in fits if r is not best] + [r for r in ranked if r not in near]
+        weight = {id(r): float(np.exp((self._score(r) - self._score(best)) / max(best.chance, 1.0))) for r in rest}
+        difference = best.difference
+        p = contest.regression.shared.shape[2]
+        columns = [
+            Column(p + i, frozenset(contest.new), 0.0) for i in difference.candidate.of_difference
+        ]
+        self.contest = contest
+        return Change(
+            _present(difference),
+            self._deviations(best),
+            best,
+            tuple((r, weight[id(r)]) for r in rest if weight[id(r)] > np.exp(-self.criteria.rival)),
+            self._held_out(contest, difference.candidate, present),
+            tuple(columns),
+        )
+
+    def _refined(self, ranked: Ranked, present: Sequence[Column]) -> tuple[Contest, Ranked]:
+        def test(contest: Contest, candidate: Candidate) -> Difference:
+            return contest.test(candidate, contest.baseline, contest.new, present)
+
+        contest, difference = refined(self.contest, self.motion, ranked.difference, test)
+        return contest, Ranked(difference, self._chance(difference))
+
+    def _deviations(self, ranked: Ranked) -> Array:
+        """Of all parameters, as much larger than white forces allow as runs of the baseline differ more than by chance.
+
+        Half a nat per number is what white forces alone would gain. Nonlinear parameters have none.
+        """
+        d, effect = ranked.difference, ranked.effect
+        spread = np.sqrt(np.maximum(np.diag(d.covariance), 0.0) * max(1.0, 2 * ranked.chance / len(d.values)))
+        own = dict(zip([p.name for p in d.candidate.hypothesis.coefficients], spread, strict=False))
+        return np.array([own.get(p.name, 0.0) for p in effect.parameters()])
+
+    def _held_out(self, contest: Contest, candidate: Candidate, present: Sequence[Column]) -> float:
+        """Nats that sizes from the other new recordings gain on each."""
+        total = 0.0
+        for one in contest.new:
+            others = [r for r in contest.new if r != one]
+            sized = contest.test(candidate, contest.baseline, others, present)
+            total += contest.gained(candidate, sized.values, one, present)
+        return total
+
+
+def _present(difference: Difference) -> Effect:
+    """The effect with its difference."""
+    hypothesis = difference.candidate.hypothesis
+    values = {
+        p.name: float(p.absent + v) for p, v in zip(hypothesis.coefficients, difference.values, strict=False)
+    }
+    return replace(hypothesis.effect, **values)
+
+
+def _dry_joint(ranked: Sequence[Ranked], motion: Motion) -> int | None:
+    """Index of the joint at which dry friction changed most of all, if it did."""
+    if not ranked or ranked[0].effect.kind != "joint":
+        return None
+    confusable = ranked[0].effect.confusable
+    dry = confusable is not None and confusable.group == "dry friction"
+    return int(motion.model.joint(ranked[0].effect.where).id) if dry else None
+
+
+def _possible(difference: Difference) -> bool:
+    """Whether physics allows the difference: what is left of a friction that fell is no drive."""
+    hypothesis = difference.candidate.hypothesis
+    deviations = np.sqrt(np.maximum(np.diag(difference.covariance), 0.0))
+    rows = zip(hypothesis.coefficients, difference.values, difference.common, deviations, strict=False)
+    for parameter, value, common, deviation in rows:
+        least = parameter.low - parameter.absent
+        if value < -3 * deviation and max(common, 0.0) + value < least - 3 * deviation:
+            return False
+    if isinstance(hypothesis.effect, PositionDependentFriction):
+        mean, *waves = difference.values
+        return bool(abs(mean) >= np.hypot(*waves))
+    return True
+
+
+def between_runs(contest: Contest, criteria: Criteria) -> dict[Key, float]:
+    """Nats of each candidate when one run of the baseline after the other is taken for new, in the mean.
+
+    What differs most from run to run by itself becomes a number of each run, with the spread that it shows. Means are
+    drawn towards that of all candidates, since there are few runs.
+    """
+    for _ in range(criteria.by_run):
+        gains = _left_out(contest)
+        means = {key: float(np.mean([gain for gain, _ in own])) for key, own in gains.items()}
+        worst = max(means, key=means.__getitem__)
+        if means[worst] < criteria.certain or len(contest.baseline) < 3:
+            break
+        candidate = contest.candidates[max(gains[worst])[1]]
+        tested = [contest.test(candidate, [b for b in contest.baseline if b != r], [r]) for r in contest.baseline]
+        size = np.mean([d.values**2 for d in tested], axis=0)
+        p = contest.regression.shared.shape[2]
+        contest.by_run += [(p + i, 1 / max(float(v), 1e-12)) for i, v in zip(candidate.columns, size, strict=True)]
+    gains, few = _left_out(contest), 3
+    usual = float(np.mean([gain for own in gains.values() for gain, _ in own]))
+    return {
+        key: (few * usual + sum(gain for gain, _ in own)) / (few + len(own)) for key, own in gains.items()
+    }
+
+
+def _left_out(contest: Contest) -> dict[Key, list[tuple[float, int]]]:
+    """Nats and candidate, by effect and place, of each run of the baseline against the others."""
+    contest.weigh(contest.baseline, ())
+    out: dict[Key, list[tuple[float, int]]] = {}
+    for run in contest.baseline:
+        gains = contest.screen([b for b in contest.baseline if b != run], [run])
+        order = sorted(range(len(gains)), key=lambda i: contest.candidates[i].key)
+        for key, own in groupby(order, key=lambda i: contest.candidates[i].key):
+            out.setdefault(key, []).append(max((float(gains[i]), i) for i in own))
+    return out
