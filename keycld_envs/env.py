@@ -139,6 +139,9 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
             "render_fps": round(1 / self.system.timestep),
         }
 
+        self._compile(camera, action_limit, effects)
+
+    def _compile(self, camera: str | None, action_limit: float | None, effects: Sequence[Effect]) -> None:
         self.model = self.system.compile()
         self.data = mujoco.MjData(self.model)
         self.camera = check_camera(self.model, self.system.camera if camera is None else camera)

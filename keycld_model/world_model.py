@@ -1,33 +1,27 @@
 """`WorldModel`: keypoints, constrained Lagrangian and renderer, ready to use."""
 
-import difflib
 import os
-from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from importlib import resources
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
-from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
-from keycld_model.checkpoint import WEIGHTS, flatten, read_checkpoint, write_checkpoint
+from keycld_model.arrays import actions_of, images_of, keypoints_of, sequences_of
+from keycld_model.checkpoint import write_checkpoint
+from keycld_model.compiled import CompiledModel
 from keycld_model.config import ModelConfig
-from keycld_model.modules import Parameters, Parts, as_float
+from keycld_model.modules import Parameters, Parts
 from keycld_model.physics import mass_matrix
-from keycld_model.state_estimation import estimate_state, refine_state
+from keycld_model.stored import find_model, read_model
 
 Floats = NDArray[np.float32]
-LARGEST = 1e6
-"""No weight of a network for images between 0 and 1 is larger by far."""
 CONTEXT_FRAMES = 5
 """Frames from which a prediction starts unless told otherwise."""
 
@@ -76,18 +70,8 @@ class WorldModel:
         Raises:
             InputError: if there is no such model, or it is damaged or of another version.
         """
-        folder = _find(os.fspath(source))
-        tensors, meta = read_checkpoint(folder)
-        if "config" not in meta or "model" not in tensors:
-            raise InputError(f"{folder} is not a world model; name the checkpoint folder that `keycld train` wrote.")
-        try:
-            config = ModelConfig.from_dict(meta["config"])
-        except InputError as error:
-            raise InputError(
-                f"{folder}: {str(error).rstrip('.')}; it was written by another version, train again."
-            ) from error
-        _check_parameters(folder, tensors["model"], Parts(config).shapes())
-        return cls(config, jax.tree.map(jnp.asarray, tensors["model"]), os.fspath(source), meta)
+        config, parameters, meta = read_model(find_model(os.fspath(source)))
+        return cls(config, parameters, os.fspath(source), meta)
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write a checkpoint (safetensors and JSON) that `load` reads."""
@@ -97,8 +81,7 @@ class WorldModel:
     def with_parameters(self, parameters: Parameters) -> "WorldModel":
         """The same architecture with other parameters, sharing what is compiled already."""
         other = replace(self, parameters=parameters)
-        for name in ("parts", "_rollouts", "_batched", "_keypoints"):
-            other.__dict__[name] = getattr(self, name)
+        other.__dict__["_compiled"] = self._compiled
         return other
 
     # What the model is of -------------------------------------------------------------------------------------------
@@ -146,9 +129,13 @@ class WorldModel:
     # Pure functions of one frame or state, to be traced into larger programs ----------------------------------------
 
     @cached_property
-    def parts(self) -> "Parts":
+    def _compiled(self) -> CompiledModel:
+        return CompiledModel(self.config)
+
+    @property
+    def parts(self) -> Parts:
         """The modules, to be applied to `parameters`."""
-        return Parts(self.config)
+        return self._compiled.parts
 
     def keypoints_fn(self, image: Array) -> Array:
         """Keypoints `[n]` of one image `[H, W, 3]`, uint8 or float in 0 to 1. JAX-traceable."""
@@ -180,24 +167,22 @@ class WorldModel:
         Raises:
             InputError: if the images have another size or hold NaN.
         """
-        array = self._images(images)
-        flat = self._keypoints(self.parameters, array.reshape(-1, *array.shape[-3:]))
-        return flat.reshape(*array.shape[:-3], self.mechanism.num_keypoints, 2)
+        return self._compiled.keypoints(self.parameters, images_of(images, self.image_shape))
 
     def render(self, x: ArrayLike) -> Floats:
         """Draw frames [..., H, W, 3] (0 to 1) of keypoints [..., K, 2], image units."""
-        return self._map("render", x)
+        return self._of_keypoints("render", x)
 
     def potential_energy(self, x: ArrayLike) -> Floats:
         """V(x) of keypoints [..., K, 2], image units: [...], image units squared per second squared, per total mass."""
-        return self._map("potential_energy", x)
+        return self._of_keypoints("potential_energy", x)
 
     def input_matrix(self, x: ArrayLike) -> Floats:
         """g(x) of keypoints [..., K, 2], image units: [..., 2K, m], image units per second squared, per unit of action.
 
         A force per total mass.
         """
-        return self._map("input_matrix", x)
+        return self._of_keypoints("input_matrix", x)
 
     def mass_matrix(self) -> Floats:
         """M, [2K, 2K], diagonal, in units of the total mass, so of trace 2: every mass counts in x and in y."""
@@ -208,7 +193,7 @@ class WorldModel:
 
         Rods come first, in image units squared (half a squared length), then sliders, in image units.
         """
-        return self._map("constraint", x)
+        return self._of_keypoints("constraint", x)
 
     def predict(self, images: ArrayLike, actions: ArrayLike, steps: int) -> Prediction:
         """Predict a sequence from its first frames.
@@ -224,12 +209,13 @@ class WorldModel:
         Raises:
             InputError: if there are fewer than two frames, too few actions, or arrays of other sizes or with NaN.
         """
-        frames = self._images(images)
+        frames = images_of(images, self.image_shape)
         if frames.ndim != 4 or not len(frames) >= 2:
             raise InputError(f"images has shape {frames.shape}; a prediction starts from [C, H, W, 3], C at least 2.")
         if steps < len(frames):
             raise InputError(f"steps is {steps}, but {len(frames)} frames are given; ask for at least as many.")
-        keypoints, velocities = self.rollout(frames[None], self._actions(actions, steps - 1)[None])
+        u = actions_of(actions, steps - 1, self.mechanism.num_actions)
+        keypoints, velocities = self.rollout(frames[None], u[None])
         return Prediction(self.render(keypoints[0]), keypoints[0], velocities[0])
 
     def rollout(self, images: ArrayLike, actions: ArrayLike, refine: bool = True) -> tuple[Floats, Floats]:
@@ -246,124 +232,11 @@ class WorldModel:
         Raises:
             InputError: if the arrays do not fit together or the model, or hold NaN.
         """
-        frames, u = self._images(images), np.asarray(actions, np.float32)
-        if frames.ndim != 5 or u.ndim != 3 or len(frames) != len(u) or not 2 <= frames.shape[1] <= u.shape[1] + 1:
-            raise InputError(
-                f"images has shape {frames.shape} and actions {u.shape}; a rollout needs [N, C, H, W, 3] and "
-                "[N, T-1, m] with 2 <= C <= T."
-            )
-        u = np.stack([self._actions(a, len(a)) for a in u])
-        function = self._rollouts[refine]
-        states = [function(self.parameters, z, a) for z, a in zip(frames, u, strict=True)]
+        frames, u = sequences_of(images, actions, self.image_shape, self.mechanism.num_actions)
+        states = [self._compiled.rollout(self.parameters, z, a, refine) for z, a in zip(frames, u, strict=True)]
         shape = (len(frames), u.shape[1] + 1, self.mechanism.num_keypoints, 2)
         x, v = (np.stack([np.asarray(s[i]) for s in states]).reshape(shape) for i in (0, 1))
         return x, v
 
-    @cached_property
-    def _rollouts(self) -> dict[bool, Callable[[Parameters, ArrayLike, ArrayLike], tuple[Array, Array]]]:
-        h = self.timestep
-
-        def one(parameters: Parameters, frames: Array, u: Array, refine: bool) -> tuple[Array, Array]:
-            dynamics, first = self.parts.dynamics(parameters), u[: frames.shape[0] - 1]
-            keypoints = self.parts.keypoints(parameters, frames)
-            state = estimate_state(dynamics, keypoints, first, h, fine=True)
-            if refine:
-                draw = partial(self.parts.render, parameters)
-                state = refine_state(dynamics, draw, as_float(frames), keypoints, first, h, state)
-            return dynamics.rollout(*state, u, h, fine=True)
-
-        return {refine: jax.jit(partial(one, refine=refine)) for refine in (False, True)}
-
-    @cached_property
-    def _keypoints(self) -> Callable[[Parameters, NDArray[Any]], Floats]:
-        function = jax.jit(self.parts.keypoints)
-
-        def in_chunks(parameters: Parameters, images: NDArray[Any]) -> Floats:
-            return _in_chunks(partial(function, parameters), images)
-
-        return in_chunks
-
-    @cached_property
-    def _batched(self) -> dict[str, Callable[[Parameters, ArrayLike], Array]]:
-        """Compiled functions of positions `[B, n]`."""
-        of, lagrangian = self.parts.dynamics, self.parts.lagrangian
-        functions = {
-            "potential_energy": lambda p, x: jax.vmap(lagrangian(p).potential_energy)(x),
-            "input_matrix": lambda p, x: jax.vmap(lagrangian(p).input_matrix)(x),
-            "constraint": lambda p, x: jax.vmap(of(p).constraint)(x) - p["dynamics"]["level"],
-            "render": self.parts.render,
-        }
-        return {name: jax.jit(function) for name, function in functions.items()}
-
-    def _map(self, name: str, x: ArrayLike) -> Floats:
-        """Apply a function of positions `[B, n]` to keypoints [..., K, 2]."""
-        array = np.asarray(x, np.float32)
-        k = self.mechanism.num_keypoints
-        if array.shape[-2:] != (k, 2):
-            raise InputError(f"x has shape {array.shape}; this model needs keypoints of shape [..., {k}, 2].")
-        flat = array.reshape(-1, 2 * k)
-        result = _in_chunks(partial(self._batched[name], self.parameters), flat)
-        return result.reshape(array.shape[:-2] + result.shape[1:])
-
-    def _images(self, images: ArrayLike) -> NDArray[Any]:
-        array = np.asarray(images)
-        h, w = self.image_shape
-        if array.ndim < 3 or array.shape[-3:] != (h, w, 3):
-            raise InputError(f"images has shape {array.shape}; this model needs [..., {h}, {w}, 3].")
-        if array.dtype != np.uint8:
-            array = array.astype(np.float32)
-            if not np.isfinite(array).all() or array.min(initial=0.0) < -1e-3 or array.max(initial=0.0) > 1 + 1e-3:
-                raise InputError("images holds values outside 0 to 1, or NaN; give uint8, or floats divided by 255.")
-        return array
-
-    def _actions(self, actions: ArrayLike, steps: int) -> Floats:
-        array = np.asarray(actions, np.float32)
-        m = self.mechanism.num_actions
-        if array.ndim != 2 or array.shape[1] != m or len(array) < steps:
-            raise InputError(f"actions has shape {array.shape}; {steps + 1} frames need [{steps}, {m}] or longer.")
-        bad = np.flatnonzero(~np.isfinite(array[:steps]).all(axis=1))
-        if bad.size:
-            raise InputError(f"actions[{bad[0]}] is not finite; every action must be a number.")
-        return array[:steps]
-
-
-def _check_parameters(folder: Path, found: Parameters, expected: Parameters) -> None:
-    """Refuse arrays that are not those of a configuration, or that no training ends with."""
-    kinds, asked = (jax.tree.map(lambda a: (a.shape, np.dtype(a.dtype)), tree) for tree in (found, expected))
-    if kinds != asked:
-        raise InputError(f"{folder} does not hold the arrays that its own configuration asks for; train again.")
-    for name, array in flatten(found).items():
-        if np.abs(array).max(initial=0.0) > LARGEST:
-            raise InputError(f"{folder}: {name} holds numbers beyond {LARGEST:g}; train again or restore a copy.")
-
-
-def _in_chunks(function: Callable[[NDArray[Any]], Array], array: NDArray[Any], chunk: int = 64) -> Floats:
-    """Apply a function of a batch to a bounded number of rows at a time; none are allowed."""
-    if len(array) == 0:
-        return np.asarray(function(np.zeros((1, *array.shape[1:]), array.dtype)))[:0]
-    return np.concatenate([np.asarray(function(array[i : i + chunk])) for i in range(0, len(array), chunk)])
-
-
-def _find(source: str) -> Path:
-    """The folder of a checkpoint; a folder named like a shipped model counts if it holds one."""
-    folder, shipped = Path(source), shipped_models()
-    name = source
-    if source not in shipped and ("/" in source or ":" in source) and not folder.exists():
-        with suppress(InputError):
-            name = system_of(source).name
-    if name in shipped and not (folder / WEIGHTS).is_file():
-        return shipped[name]
-    if folder.exists():
-        return folder
-    similar = difflib.get_close_matches(source.lower(), shipped, n=1)
-    guess = f" (did you mean {similar[0]}?)" if similar else ""
-    raise InputError(
-        f"There is no checkpoint {source!r}{guess}; give the path of a checkpoint folder or one of the shipped models: "
-        f"{', '.join(sorted(shipped)) or 'none in this installation'}."
-    )
-
-
-def shipped_models() -> dict[str, Path]:
-    """Name and folder of every model inside the package."""
-    root = Path(str(resources.files("keycld_model"))) / "weights"
-    return {folder.name: folder for folder in sorted(root.iterdir()) if folder.is_dir()} if root.is_dir() else {}
+    def _of_keypoints(self, name: str, x: ArrayLike) -> Floats:
+        return self._compiled.of_keypoints(name, self.parameters, keypoints_of(x, self.mechanism.num_keypoints))

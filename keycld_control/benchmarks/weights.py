@@ -30,7 +30,7 @@ class Weights:
             InputError: if some are missing, damaged, or of another version.
         """
         from keycld_model import WorldModel
-        from keycld_model.world_model import shipped_models
+        from keycld_model.stored import shipped_models
 
         there = (
             shipped_models() if self.folder is None else {p.parent.name for p in self.folder.glob("*/*.safetensors")}

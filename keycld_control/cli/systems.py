@@ -48,7 +48,7 @@ def run(args: Args) -> None:
 def rows() -> Iterator[dict[str, Any]]:
     """Of every system: name, environment id, motors, gears, range of actions, control step, shipped weights or not."""
     from keycld_envs import SYSTEMS, KeyCLDEnv, resolve_env_id
-    from keycld_model.world_model import shipped_models
+    from keycld_model.stored import shipped_models
 
     shipped = shipped_models()
     for name, system in SYSTEMS.items():

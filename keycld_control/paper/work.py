@@ -30,8 +30,8 @@ from keycld_envs.recordings import Dataset
 from keycld_envs.workers import each
 from keycld_model import WorldModel
 from keycld_model.config import ModelConfig
+from keycld_model.stored import shipped_models
 from keycld_model.training import PRESETS, TrainingError, train
-from keycld_model.world_model import shipped_models
 
 SCHEMA = "keycld.paper/4"
 

@@ -8,7 +8,7 @@ from scipy.stats import bootstrap
 
 from keycld_envs import system_of
 from keycld_envs.errors import InputError
-from keycld_envs.recordings import Dataset
+from keycld_envs.recordings import Dataset, Sequences
 from keycld_envs.registration import same_system
 from keycld_model.evaluation.joint_coordinates import circular_r2, joint_angles, linear_r2, slider_positions
 from keycld_model.evaluation.valid_prediction_time import (
@@ -70,31 +70,13 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
     Raises:
         InputError: if the recordings are of another system, size or frame rate, or have other actions.
     """
-    meta = model.meta or {}
-    if model.system is not None and dataset.system is not None and not same_system(model.system, dataset.system):
-        raise InputError(
-            f"{model.name} is a model of {model.system}, {dataset.folder} records {dataset.system}; evaluate it on "
-            "recordings of its own system."
-        )
     if frames < 2:
         raise InputError(f"frames is {frames}; a sequence needs at least 2.")
-    own = meta.get("data", {}).get("sha256") == dataset.sha256
-    if own:
-        dataset = dataset.split(meta["validation"])[1]
-    stacked = dataset.sequences().cut(frames)
-    if (found := stacked.actions.shape[-1]) != (wanted := model.mechanism.num_actions):
-        raise InputError(
-            f"{dataset.folder} has {found} actions per frame, {model.name} needs {wanted}; "
-            "record what its actuators did (zeros, if nothing)."
-        )
+    own = (model.meta or {}).get("data", {}).get("sha256") == dataset.sha256
+    stacked = _sequences(model, dataset, own, frames)
     n, t = stacked.frames.shape[:2]
     if not 2 <= context <= t:
         raise InputError(f"context is {context}; it must be between 2 and the {t} frames of a sequence.")
-    if abs(stacked.timestep / model.timestep - 1) > 0.05:
-        raise InputError(
-            f"{dataset.folder} has a frame every {stacked.timestep:g} s, {model.name} was trained on "
-            f"{model.timestep:g} s; record at that rate."
-        )
     epsilon = threshold(model, stacked.frames)
     errors = prediction_errors(model, stacked.frames, stacked.actions, context)
     fractions = valid_frames(errors, epsilon) / t
@@ -115,6 +97,29 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
         circular_r2=_agreement(model, keypoints, stacked.qpos),
         constraint_residual=_constraint_residual(model, keypoints),
     )
+
+
+def _sequences(model: WorldModel, dataset: Dataset, own: bool, frames: int) -> Sequences:
+    """Those that count, if they are of the model's system; of the model's own training set, the held-out ones."""
+    if model.system is not None and dataset.system is not None and not same_system(model.system, dataset.system):
+        raise InputError(
+            f"{model.name} is a model of {model.system}, {dataset.folder} records {dataset.system}; evaluate it on "
+            "recordings of its own system."
+        )
+    if own and model.meta:
+        dataset = dataset.split(model.meta["validation"])[1]
+    stacked = dataset.sequences().cut(frames)
+    if (found := stacked.actions.shape[-1]) != (wanted := model.mechanism.num_actions):
+        raise InputError(
+            f"{dataset.folder} has {found} actions per frame, {model.name} needs {wanted}; "
+            "record what its actuators did (zeros, if nothing)."
+        )
+    if abs(stacked.timestep / model.timestep - 1) > 0.05:
+        raise InputError(
+            f"{dataset.folder} has a frame every {stacked.timestep:g} s, {model.name} was trained on "
+            f"{model.timestep:g} s; record at that rate."
+        )
+    return stacked
 
 
 def _interval(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -90,11 +90,7 @@ def train(
         InputError: if the data do not fit, or `out` holds another run.
         TrainingError: if the loss is no longer finite, or the keypoints collapse to a constant.
     """
-    name = preset if isinstance(preset, str) else "custom"
-    if isinstance(preset, str):
-        if preset not in PRESETS:
-            raise InputError(f"There is no preset {preset!r}; there are {', '.join(PRESETS)}.")
-        preset = PRESETS[preset]
+    name, recipe = _recipe(preset)
     if seed < 0:
         raise InputError(f"seed is {seed}; it must not be negative.")
     if not 0 < validation < 1:
@@ -102,25 +98,39 @@ def train(
     if Path(out).exists() and not Path(out).is_dir():
         raise InputError(f"{out} is a file; name a folder.")
     held_in, held_out = dataset.split(validation)
-    data = TrainingData.from_dataset(held_in, preset.length)
-    test = TrainingData.from_dataset(held_out, preset.length)
+    data = TrainingData.from_dataset(held_in, recipe.length)
+    test = TrainingData.from_dataset(held_out, recipe.length)
     _check(data, config, dataset)
     meta = {
         "config": config.to_dict(),
         "preset": name,
-        "length": preset.length,
-        "stages": [{"kind": type(s).__name__, **asdict(s)} for s in preset.stages],
+        "length": recipe.length,
+        "stages": [{"kind": type(s).__name__, **asdict(s)} for s in recipe.stages],
         "seed": seed,
         "validation": validation,
-        "data": {
-            "sha256": dataset.sha256,
-            "folder": dataset.folder.name,
-            "recordings": len(dataset),
-            "seed": dataset.recordings[0].seed,
-        },
+        "data": _origin(dataset),
     }
-    run = _Run(Path(out), Parts(config), preset, data, test, seed, json.loads(json.dumps(meta)))
+    run = _Run(Path(out), Parts(config), recipe, data, test, seed, json.loads(json.dumps(meta)))
     return run.finish()
+
+
+def _recipe(preset: str | Preset) -> tuple[str, Preset]:
+    """Name and stages."""
+    if isinstance(preset, Preset):
+        return "custom", preset
+    if preset not in PRESETS:
+        raise InputError(f"There is no preset {preset!r}; there are {', '.join(PRESETS)}.")
+    return preset, PRESETS[preset]
+
+
+def _origin(dataset: Dataset) -> dict[str, Any]:
+    """By what a data set is known again."""
+    return {
+        "sha256": dataset.sha256,
+        "folder": dataset.folder.name,
+        "recordings": len(dataset),
+        "seed": dataset.recordings[0].seed,
+    }
 
 
 def _check(data: TrainingData, config: ModelConfig, dataset: Dataset) -> None:

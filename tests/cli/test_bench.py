@@ -20,7 +20,7 @@ from keycld_envs import REFERENCE_SYSTEMS, InputError
 from keycld_envs.collect import CollectSettings, collect
 from keycld_envs.recordings import Dataset, read_dataset
 from keycld_model.evaluation import Evaluation
-from keycld_model.world_model import shipped_models
+from keycld_model.stored import shipped_models
 
 MACHINE = {
     "cpu": "abacus",
@@ -75,7 +75,7 @@ def test_missing_weights_are_refused_before_anything_is_measured(
     captured = capsys.readouterr()
     assert captured.err == f"keycld: There are no weights for acrobot in {tmp_path}; train them.\n"
     assert captured.out == ""
-    monkeypatch.setattr("keycld_model.world_model.shipped_models", dict)
+    monkeypatch.setattr("keycld_model.stored.shipped_models", dict)
     assert main(["bench", "--only", "act"]) == 2
     assert f"no weights for {', '.join(REFERENCE_SYSTEMS)} in this installation" in capsys.readouterr().err
 

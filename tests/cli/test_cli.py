@@ -17,8 +17,8 @@ import keycld_model
 from keycld_control.cli import command_names, main
 from keycld_control.cli.doctor import examine
 from keycld_envs import SYSTEMS
+from keycld_model.stored import shipped_models
 from keycld_model.training import PRESETS
-from keycld_model.world_model import shipped_models
 
 COLLECT = ["--steps", "3", "--width", "16", "--height", "16"]
 

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from keycld_model.world_model import shipped_models
+from keycld_model.stored import shipped_models
 
 pytestmark = [
     pytest.mark.slow,

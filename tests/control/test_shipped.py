@@ -8,7 +8,7 @@ from keycld_control.closed_loop import LoopSettings
 from keycld_control.swingup import swing_up
 from keycld_control.video import film
 from keycld_envs import REFERENCE_SYSTEMS, get_system
-from keycld_model.world_model import shipped_models
+from keycld_model.stored import shipped_models
 
 pytestmark = [pytest.mark.slow, pytest.mark.render]
 SEED = 10_000

@@ -14,7 +14,7 @@ from keycld_control.trust import DOUBTFUL, first_trust, judged, trusted
 from keycld_envs import REFERENCE_SYSTEMS
 from keycld_envs.errors import InputError
 from keycld_model import WorldModel
-from keycld_model.world_model import shipped_models
+from keycld_model.stored import shipped_models
 
 SEED = 20_000
 KINDS = {

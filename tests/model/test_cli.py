@@ -12,8 +12,8 @@ from test_training import TINY, initial, rough_errors
 from keycld_control.cli import main
 from keycld_envs.recordings import write_recording
 from keycld_model import WorldModel
+from keycld_model.stored import shipped_models
 from keycld_model.training import loop
-from keycld_model.world_model import shipped_models
 
 SYSTEM = "KeyCLD/Pendulum-v0"
 

@@ -14,7 +14,7 @@ from keycld_envs.mechanism import Mechanism, Slider
 from keycld_model import WorldModel
 from keycld_model.evaluation import evaluate, prediction_errors, static_error, valid_frames
 from keycld_model.evaluation.joint_coordinates import circular_r2, joint_angles, linear_r2, slider_positions, wrap
-from keycld_model.world_model import shipped_models
+from keycld_model.stored import shipped_models
 
 SYSTEM = "KeyCLD/Pendulum-v0"
 

@@ -98,20 +98,26 @@ def assemble(
             unknown or of something else, angles without a unit may be degrees, or an action is missing; the message
             names file, column and line.
     """
-    for column, unit in columns.units.items():
-        table.column(column)
-        if unit not in FACTORS:
-            raise InputError(f"{table.path}: the unit {unit!r} of {column!r} is unknown; known are {list(FACTORS)}.")
-    if not columns.joints:
-        raise InputError(f"{table.path}: no joint has a column; name one per joint, --joint hinge=COLUMN.")
-    if columns.velocities and list(columns.velocities) != list(columns.joints):
-        raise InputError(
-            f"{table.path}: velocities are named for {list(columns.velocities)}, positions for {list(columns.joints)}; "
-            "name a velocity for every joint, in the same order, or for none."
-        )
+    _check_columns(table, columns)
+    signals, units = _signals(table, columns)
+    return Recording(
+        id=id,
+        source="real",
+        system=system,
+        joint_names=tuple(columns.joints),
+        actuator_names=tuple(columns.actions),
+        units=units,
+        licence=licence,
+        origin=origin or table.path.name,
+        notes=notes,
+        **signals,
+    )
+
+
+def _signals(table: Table, columns: Columns) -> tuple[dict[str, Any], dict[str, tuple[str, ...]]]:
+    """Clocks, positions, velocities and actions as a recording has them, and their units."""
     clock = _clock(table, columns.time, columns.units)
     action_clock = clock if columns.action_time is None else _clock(table, columns.action_time, columns.units)
-    _check_units(table, columns)
     units: dict[str, tuple[str, ...]] = {"qpos": _units(columns.joints, columns.units, "rad")}
     signals: dict[str, Any] = {
         "t_state": clock,
@@ -131,18 +137,7 @@ def assemble(
         units["action"] = _units(columns.actions, columns.units, "N m")
         action = _signal(table, columns.actions, columns.units, name, action_clock)
         signals |= {"t_action": action_clock, "action": _complete(table, columns, action)}
-    return Recording(
-        id=id,
-        source="real",
-        system=system,
-        joint_names=tuple(columns.joints),
-        actuator_names=tuple(columns.actions),
-        units=units,
-        licence=licence,
-        origin=origin or table.path.name,
-        notes=notes,
-        **signals,
-    )
+    return signals, units
 
 
 def unwrap(angle: Array) -> Array:
@@ -167,6 +162,22 @@ def _check_radians(table: Table, column: str, angle: Array) -> None:
             f"{table.path}, column {column!r}: positions from {q.min():.4g} to {q.max():.4g} may be degrees; say which "
             f"unit they have, --unit {column}=deg or --unit {column}=rad."
         )
+
+
+def _check_columns(table: Table, columns: Columns) -> None:
+    """Refuse unknown units, no joints, and velocities of other joints than positions."""
+    for column, unit in columns.units.items():
+        table.column(column)
+        if unit not in FACTORS:
+            raise InputError(f"{table.path}: the unit {unit!r} of {column!r} is unknown; known are {list(FACTORS)}.")
+    if not columns.joints:
+        raise InputError(f"{table.path}: no joint has a column; name one per joint, --joint hinge=COLUMN.")
+    if columns.velocities and list(columns.velocities) != list(columns.joints):
+        raise InputError(
+            f"{table.path}: velocities are named for {list(columns.velocities)}, positions for {list(columns.joints)}; "
+            "name a velocity for every joint, in the same order, or for none."
+        )
+    _check_units(table, columns)
 
 
 def _check_units(table: Table, columns: Columns) -> None:

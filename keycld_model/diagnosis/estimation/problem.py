@@ -14,7 +14,7 @@ from keycld_model.diagnosis.estimation.parameters import effect_parameters, with
 from keycld_model.diagnosis.estimation.point import Point
 from keycld_model.diagnosis.inputs.windows import Windows
 from keycld_model.diagnosis.observation import Nuisance
-from keycld_model.diagnosis.simulation.simulator import Simulator, usual_forces
+from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.simulation.variant import Variant, recording_spreads
 
 Array = NDArray[np.float64]
@@ -200,26 +200,3 @@ class Problem:
         steps = np.concatenate([np.repeat([position_step, velocity_step], nv), offset_steps])[:, None, None]
         states = (residuals[0] - residuals[known:]) / steps
         return residuals[:known], np.moveaxis(states, 0, -1)
-
-    def responses(self, point: Point, joints: Sequence[int], bins: int) -> Array:
-        """How residuals fall with a push at a joint during one of several parts of each window.
-
-        Args:
-            point: where.
-            joints: J of them, among the velocities.
-            bins: B parts of a window.
-
-        Returns:
-            Change of whitened residuals per N m or N, `[W, r, J, B]`.
-        """
-        steps, nv = self.windows.steps, point.q.shape[1]
-        sizes, edges = usual_forces(self.simulator.model)[list(joints)], self.windows.edges(bins)
-        pushes = np.zeros((len(joints), bins, len(self.windows), steps, nv))
-        for j, joint in enumerate(joints):
-            for b in range(bins):
-                pushes[j, b, :, edges[b] : edges[b + 1], joint] = sizes[j]
-        pushes = np.concatenate([np.zeros((1, *pushes.shape[2:])), pushes.reshape(-1, *pushes.shape[2:])])
-        q, v = (np.repeat(z[None], len(pushes), axis=0) for z in (point.q, point.v))
-        here, *pushed = self.whiten(self.predict([point.variant], np.zeros(len(pushes), int), q, v, pushes))
-        columns = (here - np.stack(pushed)).reshape(len(joints), bins, *here.shape) / sizes[:, None, None, None]
-        return np.moveaxis(columns, (0, 1), (2, 3))

@@ -10,6 +10,7 @@ from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.pulse_times import refine_times, window_of
+from keycld_model.diagnosis.estimation.push_responses import push_responses
 from keycld_model.diagnosis.simulation.variant import Pulse
 
 Array = NDArray[np.float64]
@@ -127,7 +128,7 @@ def _found(fit: Fit, joints: list[int]) -> list[Pulse]:
     """At most one more pulse per window, and its continuation into the next one."""
     problem, windows = fit.problem, fit.problem.windows
     linear, _ = problem.linearise(fit.point)
-    columns = problem.responses(fit.point, joints, BINS)
+    columns = push_responses(problem, fit.point, joints, BINS)
     spans = [(a, b) for a in range(BINS) for b in range(a + 1, BINS + 1)]
     total = np.concatenate([np.zeros((*columns.shape[:-1], 1)), np.cumsum(columns, axis=-1)], axis=-1)
     first, last = np.array(spans).T

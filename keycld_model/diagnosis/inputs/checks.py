@@ -48,10 +48,10 @@ def check(recordings: Sequence[Recording], model: mujoco.MjModel, observation: O
     shown = [observation.measured(recording) for recording in recordings]
     moved = np.nanmax([np.nanmax(y, axis=0) - np.nanmin(y, axis=0) for y in shown], axis=0)
     if moved.max() < 0.05:
-        name = observation.names[int(moved.argmax())]
+        most = int(moved.argmax())
         raise InputError(
-            f"The joint {name!r} moved {moved.max():.2g} rad or m at most, and no other moved more; nothing can be "
-            "identified. Excite the mechanism."
+            f"{observation.names[most]!r} moved {moved[most]:.2g} {observation.units[most]} at most, and nothing else "
+            "moved more; nothing can be identified. Excite the mechanism."
         )
 
 

@@ -12,6 +12,7 @@ from keycld_envs.effects import EFFECTS, Effect, Parameter
 from keycld_envs.effects.base import Seen
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.linearisation import Linearisation
+from keycld_model.diagnosis.estimation.push_responses import push_responses
 from keycld_model.diagnosis.inputs.windows import Windows
 
 Array = NDArray[np.float64]
@@ -87,7 +88,7 @@ def columns(fit: Fit, free: Sequence[Hypothesis]) -> tuple[Linearisation, Array,
     pushing = [c for c, (h, _, _) in enumerate(probes) if free[h].pushes]
     if pushing:
         parts = min(16, fit.problem.windows.steps)  # over each of which a force is averaged
-        responses = fit.problem.responses(fit.point, range(fit.point.q.shape[1]), parts)
+        responses = push_responses(fit.problem, fit.point, range(fit.point.q.shape[1]), parts)
         forces = _forces(fit, [probes[c][2] for c in pushing], parts)
         out[..., pushing] = np.einsum("wrjb,cwbj->wrc", responses, forces, optimize=True)
     for c, (h, j, _) in enumerate(probes):

@@ -13,6 +13,7 @@ from keycld_envs.effects import Effect
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.problem import Problem
+from keycld_model.diagnosis.estimation.push_responses import push_responses
 from keycld_model.diagnosis.estimation.replay import replay
 from keycld_model.diagnosis.inputs.windows import Windows
 from keycld_model.diagnosis.simulation.simulator import usual_forces
@@ -147,7 +148,7 @@ class _Normal:
         problem, point, paths = fit.problem, fit.point, _paths(fit)
         linear, _ = problem.linearise(point)
         n, nv = len(problem.spreads), point.q.shape[1]
-        responses = problem.responses(point, range(nv), _parts(problem.windows))
+        responses = push_responses(problem, point, range(nv), _parts(problem.windows))
         columns = np.swapaxes(responses, 2, 3).reshape(*linear.residual.shape, -1)
         whole = replace(linear, shared=np.concatenate([linear.shared[..., :n], columns], axis=-1))
         whole = whole.weighted(whole.huber_weights(problem.criteria.significant))

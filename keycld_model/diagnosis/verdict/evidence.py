@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from keycld_envs.effects import Effect, edited
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.verdict.region import Shape, shape_of
+from keycld_model.rigid_body.residual_force import ResidualForce
 
 Array = NDArray[np.float64]
 
@@ -108,7 +109,7 @@ def evidence(nominal: mujoco.MjModel, windows: tuple[Fit, Fit], rollouts: tuple[
         noise=seen.noise,
         rollouts=tuple(_rollouts(rollouts)),
         residuals=tuple(_residuals(windows)),
-        shape=next((shape_of(chosen, e) for e in chosen.effects if e.id == "unknown"), None),
+        shape=next((shape_of(chosen, e) for e in chosen.effects if isinstance(e, ResidualForce)), None),
     )
 
 

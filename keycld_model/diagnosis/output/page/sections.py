@@ -17,6 +17,7 @@ from keycld_model.diagnosis.output.page.portrait import portrait
 from keycld_model.diagnosis.output.words import call, in_sentence, measured, place, spelled_out
 from keycld_model.diagnosis.verdict.evidence import Evidence
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, Report
+from keycld_model.rigid_body.residual_force import ResidualForce
 
 DETAILS = {
     "gain_nats": "log-likelihood gained, nats",
@@ -24,7 +25,7 @@ DETAILS = {
     "chi_square": "mean square of whitened residuals",
     "dispersion": "dispersion factor",
     "dropped": "left out, because numbers ran away",
-    "noise": "noise of the sensors, rad or m",
+    "noise": "noise of each channel, in its unit",
     "step_s": "time step, s",
 }
 """Names of a report's details; of others, their keys."""
@@ -155,7 +156,7 @@ def cards(report: Report) -> list[Card]:
     """All findings."""
     shape = report.evidence.shape if report.evidence else None
     panels = [] if shape is None else [markup(panel) for panel in portrait(shape)]
-    return [_card(i + 1, f, panels if f.effect == "unknown" else []) for i, f in enumerate(report.findings)]
+    return [_card(i + 1, f, panels if f.effect == ResidualForce.id else []) for i, f in enumerate(report.findings)]
 
 
 def _card(number: int, finding: Finding, panels: list[Markup]) -> Card:
