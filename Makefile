@@ -9,6 +9,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SEED := 0
 DATA_SEED := 1
+BY_FILE := --dist loadfile --no-loadscope-reorder# examples of a document build on each other; conftest.py has the order
 DEBIAN := Debian, Ubuntu: apt-get install python3-venv libegl1 libgl1-mesa-dri
 
 .PHONY: demo test test-fast fuzz kills interrupts lint types layers docs weights bench libraries opengl clean
@@ -19,10 +20,10 @@ demo: libraries .venv/.keycld opengl
 	$(BIN)/keycld demo
 
 test: libraries .venv/.keycld-dev opengl
-	$(BIN)/python -m pytest -n 2 --dist loadfile # by file: examples of a document build on each other
+	$(BIN)/python -m pytest -n 2 $(BY_FILE)
 
 test-fast: libraries .venv/.keycld-dev opengl
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow and not render' tests
+	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m 'not slow and not render' tests
 
 fuzz: libraries .venv/.keycld-dev
 	$(BIN)/python tests/reliability/fuzz.py --inputs 2000 --seed $(SEED)
@@ -79,11 +80,12 @@ opengl: .venv/.keycld
 	$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 
-.venv/.keycld-dev: .venv/.keycld
+.venv/.keycld-dev: pyproject.toml | .venv/bin/python
+	@echo "Installing into .venv; once, for a few minutes"
 	$(BIN)/python -m pip install --quiet --editable '.[dev,docs]'
-	@touch $@
+	@touch .venv/.keycld .venv/.keycld-docs $@
 
-.venv/.keycld-docs: .venv/.keycld
+.venv/.keycld-docs: pyproject.toml | .venv/.keycld
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $@
 
