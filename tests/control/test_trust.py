@@ -1,5 +1,9 @@
 """Images that show something else: the agent does not act on them, and goes on when images return."""
 
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import cache
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +11,7 @@ import pytest
 from oracle import make_oracle, point_masses
 
 from keycld_control import EnergyShapingAgent
-from keycld_control.closed_loop import LoopSettings, make_loop
+from keycld_control.closed_loop import Loop, LoopSettings, make_loop
 from keycld_control.observer import first_estimate, predicted
 from keycld_control.plant import Plant
 from keycld_control.trust import DOUBTFUL, first_trust, judged, trusted
@@ -28,57 +32,66 @@ KINDS = {
 }
 
 
-def loop_of(name):
-    if name not in shipped_models():
-        pytest.skip(f"no weights for {name} in this installation")
-    return make_loop(LoopSettings(name, seed=SEED, start="random"))
+@pytest.fixture(scope="module")
+def loops() -> Iterator[Callable[[str], Loop]]:
+    """Of a system by its name; once, for an agent takes seconds to compile. It has not seen anything yet."""
+    with ExitStack() as stack:
+        made = cache(lambda name: stack.enter_context(make_loop(LoopSettings(name, seed=SEED, start="random"))))
+
+        def loop_of(name: str) -> Loop:
+            if name not in shipped_models():
+                pytest.skip(f"no weights for {name} in this installation")
+            made(name).agent.reset()
+            return made(name)
+
+        yield loop_of
 
 
 @pytest.mark.slow
 @pytest.mark.render
 @pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
-def test_it_lets_go_of_what_it_cannot_see_and_goes_on_when_it_can(name):
-    with loop_of(name) as loop:
-        agent, env = loop.agent, loop.env
-        frame, info = env.reset(seed=SEED)
-        last = round(0.3 / env.system.timestep) + 1
-        for kind, change in KINDS.items():
-            for _ in range(20):
-                frame, _, _, _, info = env.step(agent.act(frame))
-            assert agent.trusted, kind
-            for k in range(last + 5):
-                action = agent.act(change(frame).astype(np.uint8))
-                assert not agent.trusted, kind
-                assert k < last or not action.any(), kind
-                frame, _, _, _, info = env.step(action)
-        for _ in range(loop.steps):
+def test_it_lets_go_of_what_it_cannot_see_and_goes_on_when_it_can(loops, name):
+    loop = loops(name)
+    agent, env = loop.agent, loop.env
+    frame, info = env.reset(seed=SEED)
+    last = round(0.3 / env.system.timestep) + 1
+    for kind, change in KINDS.items():
+        for _ in range(20):
             frame, _, _, _, info = env.step(agent.act(frame))
-        assert agent.trusted and info["is_success"]
+        assert agent.trusted, kind
+        for k in range(last + 5):
+            action = agent.act(change(frame).astype(np.uint8))
+            assert not agent.trusted, kind
+            assert k < last or not action.any(), kind
+            frame, _, _, _, info = env.step(action)
+    for _ in range(loop.steps):
+        frame, _, _, _, info = env.step(agent.act(frame))
+    assert agent.trusted and info["is_success"]
 
 
 @pytest.mark.slow
 @pytest.mark.render
 @pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
-def test_a_camera_that_stands_still_is_noticed(name):
-    with loop_of(name) as loop:
-        agent, env = loop.agent, loop.env
-        frame, _ = env.reset(seed=SEED)
-        for _ in range(5):
-            frame, *_ = env.step(agent.act(frame))
-        for _ in range(round(1.0 / env.system.timestep)):
-            action = agent.act(frame)
-            env.step(action)
-        assert not agent.trusted and not action.any()
+def test_a_camera_that_stands_still_is_noticed(loops, name):
+    loop = loops(name)
+    agent, env = loop.agent, loop.env
+    frame, _ = env.reset(seed=SEED)
+    for _ in range(5):
+        frame, *_ = env.step(agent.act(frame))
+    for _ in range(round(1.0 / env.system.timestep)):
+        action = agent.act(frame)
+        env.step(action)
+    assert not agent.trusted and not action.any()
 
 
 @pytest.mark.slow
 @pytest.mark.render
-def test_an_undisturbed_episode_is_trusted_throughout():
-    with loop_of("acrobot") as loop:
-        frame, _ = loop.env.reset(seed=SEED)
-        for _ in range(300):
-            frame, *_ = loop.env.step(loop.agent.act(frame))
-            assert loop.agent.trusted
+def test_an_undisturbed_episode_is_trusted_throughout(loops):
+    loop = loops("acrobot")
+    frame, _ = loop.env.reset(seed=SEED)
+    for _ in range(300):
+        frame, *_ = loop.env.step(loop.agent.act(frame))
+        assert loop.agent.trusted
 
 
 def test_a_model_whose_answer_is_not_finite_is_refused():
@@ -91,6 +104,7 @@ def test_a_model_whose_answer_is_not_finite_is_refused():
         EnergyShapingAgent(model.with_parameters({**model.parameters, "dynamics": dynamics}), image).act(image)
 
 
+@pytest.mark.slow
 def test_surprises_raise_doubt_and_agreement_ends_it():
     plant = Plant.of(make_oracle("acrobot"))
     there = jnp.asarray(point_masses("acrobot", (0.3, 0.5)), jnp.float32)
@@ -127,16 +141,16 @@ def test_an_old_image_again_and_again_is_not_acted_on():
 
 @pytest.mark.slow
 @pytest.mark.render
-def test_a_mechanism_that_hangs_still_is_acted_on_again():
-    with loop_of("acrobot") as loop:
-        agent, env = loop.agent, loop.env
-        frame, _ = env.reset(options={"qpos": [np.pi, 0.0]})
-        agent.act(np.zeros_like(frame))
-        for _ in range(round(1.0 / env.system.timestep)):
-            agent.act(frame)
-            if agent.trusted:
-                return
-        pytest.fail("it waits for ever")
+def test_a_mechanism_that_hangs_still_is_acted_on_again(loops):
+    loop = loops("acrobot")
+    agent, env = loop.agent, loop.env
+    frame, _ = env.reset(options={"qpos": [np.pi, 0.0]})
+    agent.act(np.zeros_like(frame))
+    for _ in range(round(1.0 / env.system.timestep)):
+        agent.act(frame)
+        if agent.trusted:
+            return
+    pytest.fail("it waits for ever")
 
 
 def test_what_is_no_image_stays_refused():

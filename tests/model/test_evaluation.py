@@ -96,6 +96,7 @@ def recorded(**options):
     return dataset(**({"system": SYSTEM} | options))
 
 
+@pytest.mark.slow
 def test_scores_are_their_definitions(model):
     data = recorded(count=4)
     scores = evaluate(model, data, context=3)
@@ -119,6 +120,7 @@ def test_scores_are_their_definitions(model):
     json.dumps(asdict(scores))
 
 
+@pytest.mark.slow
 def test_of_its_own_data_only_the_held_out_part_counts(model, monkeypatch):
     data = recorded(count=4)
     held_out = replace(data, recordings=data.split(0.5)[1].recordings)
@@ -130,14 +132,16 @@ def test_of_its_own_data_only_the_held_out_part_counts(model, monkeypatch):
     assert scores.reconstruction_mse == pytest.approx(apart.reconstruction_mse)
 
 
+@pytest.mark.slow
 def test_long_recordings_are_cut(model):
     scores = evaluate(model, recorded(count=2, length=25), context=3, frames=12)
     assert (scores.sequences, scores.frames) == (4, 12)
 
 
+@pytest.mark.slow
 def test_joints_are_scored_where_qpos_is_recorded(model):
     data = recorded(count=4)
-    scores = evaluate(model, data)
+    scores = evaluate(model, data, context=3)
     assert scores.circular_r2 is not None and scores.circular_r2.keys() == {"hinge"}
     blind = recorded(count=4, t_state=None, qpos=None, units={"action": "N m"})
     assert evaluate(model, blind, context=3).circular_r2 is None

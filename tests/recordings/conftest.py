@@ -7,7 +7,7 @@ import pytest
 from keycld_envs.recordings import Recording
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_recording() -> Callable[..., Recording]:
     """A valid recording of a cartpole, 8 frames of 12×10 pixels, with any field replaced."""
 

@@ -1,5 +1,6 @@
 """Data sets: what is loaded, how it is divided, hashed and stacked."""
 
+import shutil
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,13 +16,19 @@ from keycld_envs.recordings import Dataset, Recording, read_dataset, write_recor
 Make = Callable[..., Recording]
 
 
-@pytest.fixture
-def folder(tmp_path: Path, make_recording: Make) -> Path:
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory, make_recording: Make) -> Path:
+    data = tmp_path_factory.mktemp("written") / "data"
     for i in range(20):
-        write_recording(tmp_path / "data" / f"run-{i:02d}", make_recording(i), video=i % 2 == 1)
-    (tmp_path / "data" / "notes.txt").touch()
-    (tmp_path / "data" / ".run-20.partial").mkdir()
-    return tmp_path / "data"
+        write_recording(data / f"run-{i:02d}", make_recording(i), video=i % 2 == 1)
+    (data / "notes.txt").touch()
+    (data / ".run-20.partial").mkdir()
+    return data
+
+
+@pytest.fixture
+def folder(tmp_path: Path, written: Path) -> Path:
+    return Path(shutil.copytree(written, tmp_path / "data"))
 
 
 def test_reading_in_order(folder: Path) -> None:
