@@ -47,10 +47,7 @@ def run(args: Args) -> int:
     keep_compiled()
     from keycld_envs.errors import InputError
     from keycld_envs.recordings import read_dataset
-    from keycld_model.diagnosis import diagnose
-    from keycld_model.diagnosis.inputs.source import Source
-    from keycld_model.diagnosis.output.mjcf import write_corrected
-    from keycld_model.diagnosis.output.page import write_page
+    from keycld_model.diagnosis import Source, diagnose, write_corrected, write_page
     from keycld_model.diagnosis.output.words import experiment
 
     recordings = read_dataset(args.recordings).recordings
