@@ -19,12 +19,12 @@ SEED = 10_000
     ("name", "start", "limit", "pumps"),
     [
         ("pendulum", "hanging", None, False),
-        ("pendulum", "hanging", 1.0, True),
+        pytest.param("pendulum", "hanging", 1.0, True, marks=pytest.mark.slow),
         ("cartpole", "random", None, False),
         ("cartpole", "hanging", None, False),
         ("acrobot", "random", None, False),
         ("acrobot", "hanging", None, False),
-        ("acrobot", "hanging", 3.0, True),
+        pytest.param("acrobot", "hanging", 3.0, True, marks=pytest.mark.slow),
     ],
 )
 def test_exact_models_swing_up(name, start, limit, pumps):

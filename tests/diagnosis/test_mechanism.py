@@ -73,6 +73,9 @@ LOOPS = """
 """
 
 
+OWN = "skew", "passive", "loops"
+
+
 def model_of(name: str) -> mujoco.MjModel:
     if name in ("skew", "passive"):
         xml = SKEW if name == "skew" else SKEW.split("<actuator>")[0] + "</mujoco>"
@@ -95,7 +98,7 @@ def swing(model: mujoco.MjModel) -> None:
 
 
 @pytest.mark.parametrize("integrator", ["mjINT_EULER", "mjINT_RK4", "mjINT_IMPLICITFAST"])
-@pytest.mark.parametrize("name", [*REFERENCE_SYSTEMS, "skew", "passive", "loops"])
+@pytest.mark.parametrize("name", [*REFERENCE_SYSTEMS, *(pytest.param(n, marks=pytest.mark.slow) for n in OWN)])
 def test_every_step_is_that_of_mujoco(name, integrator):
     base, rng = model_of(name), np.random.default_rng(0)
     base.opt.integrator = getattr(mujoco.mjtIntegrator, integrator)
@@ -129,7 +132,7 @@ def test_every_step_is_that_of_mujoco(name, integrator):
     assert np.max(np.abs(path[~free] - true[~free])) < 1e-6
 
 
-@pytest.mark.parametrize("name", [*REFERENCE_SYSTEMS, "skew"])
+@pytest.mark.parametrize("name", [*REFERENCE_SYSTEMS, pytest.param("skew", marks=pytest.mark.slow)])
 def test_friction_that_stops_is_that_of_a_hundred_steps_with_a_stiff_constraint(name):
     """In steps of a hundredth of the time MuJoCo's constraint can be so stiff that it hardly creeps."""
     rng, step, fine, number, steps = np.random.default_rng(0), 0.005, 100, 8, 80
@@ -179,6 +182,7 @@ DRY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cartpole", "acrobot"])
 def test_effects_push_in_compiled_steps_as_they_do_step_by_step(name):
     model = get_system(name).compile()
@@ -201,6 +205,7 @@ def test_effects_push_in_compiled_steps_as_they_do_step_by_step(name):
     assert len(used) >= 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", DRY)
 def test_dry_friction_of_effects_is_the_models_own_in_every_step(file):
     """As in an environment, which sets the friction loss of the model before every step; what sticks stays."""

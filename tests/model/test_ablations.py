@@ -42,6 +42,9 @@ TINY = Preset(
     ),
 )
 
+NOT_IDENTIFIED = replace(TINY, stages=(*TINY.stages[:2], replace(TINY.stages[2], identify=0), TINY.stages[3]))
+"""With other networks for images, masses are identified as ever."""
+
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_says_what_it_is_and_builds(name):
@@ -58,13 +61,14 @@ def test_an_ablation_is_one_field(name):
     assert same and (name != "fc" or PRESETS[name].stages == PRESETS["default"].stages)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ABLATIONS)
 def test_an_ablation_trains_saves_and_predicts(name, tmp_path, monkeypatch):
     monkeypatch.setattr("keycld_model.training.loop.COLLAPSED", 0.0)
     monkeypatch.setattr("keycld_model.training.presets.DESCENT", 3)
     monkeypatch.setattr("keycld_model.training.loop._Run._score", lambda *_, **__: float("nan"))
     monkeypatch.setattr(Parts, "initial", lambda parts, seed: random_parameters(parts.config, seed))
-    preset = with_networks(TINY, **ABLATIONS[name])
+    preset = with_networks(NOT_IDENTIFIED if name == "fc" else TINY, **ABLATIONS[name])
     size = 2 * SIZE if name == "fc" else SIZE  # fully connected networks halve an image more often
     config = replace(CONFIG, networks=preset.networks, image_shape=(size, size))
     train(dataset(size=size), config, tmp_path, preset)
@@ -105,6 +109,7 @@ def test_node2_sees_position_velocity_and_action():
         assert slope.shape == (4, (4, 4, 2)[argument]) and np.abs(slope).max() > 0
 
 
+@pytest.mark.slow
 def test_fully_connected_coordinates_do_not_move_with_the_image():
     """A fully convolutional estimator's do, by as much as the image, away from its edges."""
     shift = 8

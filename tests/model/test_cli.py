@@ -15,6 +15,7 @@ from keycld_model import WorldModel
 from keycld_model.stored import shipped_models
 from keycld_model.training import loop
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
 SYSTEM = "KeyCLD/Pendulum-v0"
 
 

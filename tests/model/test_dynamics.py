@@ -97,6 +97,7 @@ def test_rollout_of_no_actions_is_the_projected_state():
     np.testing.assert_allclose(vs, expected[1][None])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cartpole", "acrobot"])
 def test_keypoints_give_the_state_and_noise_averages_out(name):
     dynamics, h, sigma = make(name), 0.02, 1e-3
@@ -122,6 +123,7 @@ def blobs(xs, size=16):
     return jnp.repeat(image[..., None], 3, axis=-1)
 
 
+@pytest.mark.slow
 def test_refinement_gives_the_true_state_and_never_a_worse_one():
     dynamics, h = make("acrobot"), 0.02
     x, v = start(dynamics)

@@ -107,6 +107,7 @@ def test_energy_drifts_where_the_step_is_not_symmetric(swinging, system):
     assert drift["in four"] < drift["projected"] / 10
 
 
+@pytest.mark.slow
 def test_rattle_runs_backwards_to_where_it_began(swinging):
     plant = swinging["acrobot"]
     x, v = plant.run(rattle, 50)

@@ -126,6 +126,7 @@ loop.train(dataset(), CONFIG, {out!r}, TINY, seed=3)
 """
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_again_and_again_ends_with_the_same_weights(uninterrupted, tmp_path):
     out = tmp_path / "killed"
     code = CHILD.format(here=str(Path(__file__).parent), out=str(out))
@@ -170,6 +171,7 @@ def test_one_process_at_a_time_trains_into_a_folder(tmp_path):
         assert not (tmp_path / "weights.safetensors").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", [{"stage": 99}, {"stage": None}, {"stage": -1}, {"done": 99}, {"done": 0.5}])
 def test_a_state_that_no_run_leaves_is_refused(uninterrupted, tmp_path, changes):
     tensors, meta = read_checkpoint(uninterrupted.folder / "state")
@@ -178,6 +180,7 @@ def test_a_state_that_no_run_leaves_is_refused(uninterrupted, tmp_path, changes)
         train(dataset(), CONFIG, tmp_path, TINY, seed=3)
 
 
+@pytest.mark.slow
 def test_a_finished_run(uninterrupted):
     folder = uninterrupted.folder
     assert uninterrupted.steps == TINY.steps == 18
@@ -201,6 +204,7 @@ def test_a_finished_run(uninterrupted):
     assert len(before) > 1000 and len(log_of(folder)) == len(log)
 
 
+@pytest.mark.slow
 def test_the_seed_decides(tmp_path):
     first, second, other = (train(dataset(), CONFIG, tmp_path / str(i), SHORT, seed=s) for i, s in enumerate((0, 0, 1)))
     assert_same(first.model.parameters, second.model.parameters)
@@ -208,6 +212,7 @@ def test_the_seed_decides(tmp_path):
     assert not np.array_equal(flatten(first.model.parameters)[name], flatten(other.model.parameters)[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "word"),
     [
@@ -245,6 +250,7 @@ def test_settings_that_cannot_be_used(tmp_path):
     refused("file", out=tmp_path / "file")
 
 
+@pytest.mark.slow
 def test_a_loss_that_is_not_finite_leaves_the_saved_state_intact(tmp_path, monkeypatch):
     wild = replace(SHORT, stages=(Discover(steps=12, batch=4, learning_rate=1e6, one_cycle=False, clip=None),))
     explode = loop.make_step
@@ -270,6 +276,7 @@ def test_a_loss_that_is_not_finite_leaves_the_saved_state_intact(tmp_path, monke
     assert all(np.isfinite(entry["loss"]) for entry in log_of(tmp_path))
 
 
+@pytest.mark.slow
 def test_collapsed_keypoints_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(loop, "COLLAPSED", 0.01)
     still = [replace(r, frames=np.full((12, SIZE, SIZE, 3), 99, np.uint8)) for r in recordings()]
@@ -277,6 +284,7 @@ def test_collapsed_keypoints_are_refused(tmp_path, monkeypatch):
         train(replace(dataset(), recordings=tuple(still)), CONFIG, tmp_path, SHORT)
 
 
+@pytest.mark.slow
 def test_the_papers_loss_is_equations_10_to_13():
     config = replace(CONFIG, networks=replace(PAPER_NETWORKS, width=8, groups=4, hidden=8))
     parts, data = Parts(config), TrainingData.from_dataset(dataset(count=3))
@@ -306,6 +314,7 @@ def test_the_papers_loss_is_equations_10_to_13():
     assert np.abs(gradient["dynamics"]["potential"]["out"]["kernel"]).max() > 0
 
 
+@pytest.mark.slow
 def test_the_papers_preset_trains_and_one_quiet_sequence_is_no_collapse(tmp_path, monkeypatch):
     paper = PRESETS["paper"]
     assert paper.networks == PAPER_NETWORKS
@@ -330,6 +339,7 @@ def test_sequences_are_cut_to_length():
     np.testing.assert_allclose(data.mean_frame, data.frames.mean((0, 1)) / 255, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_keypoint_table_follows_the_estimator():
     parts, data = Parts(CONFIG), TrainingData.from_dataset(dataset(count=3))
     first, second = random_parameters(CONFIG, 0), random_parameters(CONFIG, 1)
@@ -373,6 +383,7 @@ def test_keypoints_lean_along_rails_with_all_that_hangs_on_them():
     np.testing.assert_allclose(to_keypoints(cart, places, to_masses(cart, places, jnp.asarray(x))), x, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_recordings_on_the_disk(tmp_path):
     for recording in recordings(4):
         write_recording(tmp_path / "data" / recording.id, recording)

@@ -13,6 +13,8 @@ from keycld_envs.errors import InputError
 from keycld_model import WorldModel
 from keycld_model.checkpoint import META, WEIGHTS, flatten, read_checkpoint, unflatten, write_checkpoint
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 @pytest.fixture(scope="module")
 def model():
@@ -233,6 +235,7 @@ def test_shapes(model):
     np.testing.assert_allclose(np.trace(model.mass_matrix()), 2)
 
 
+@pytest.mark.slow
 def test_many_images_are_the_same_as_one_at_a_time(model):
     images = np.random.default_rng(0).integers(0, 256, (70, SIZE, SIZE, 3), np.uint8)  # more than one chunk
     keypoints = model.keypoints(images)
@@ -247,6 +250,7 @@ def test_many_images_are_the_same_as_one_at_a_time(model):
     np.testing.assert_allclose(model.input_matrix(x)[2], model.input_matrix_fn(x[2].ravel()), rtol=1e-3, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_predictions(model):
     recording = recordings(1)[0]
     images, actions = recording.load_frames()[:3], np.asarray(recording.action)
