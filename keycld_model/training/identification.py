@@ -15,13 +15,9 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from keycld_model.modules import Parts
-from keycld_model.training.places import end_rods, rails, slide_along_rods, to_keypoints
+from keycld_model.training.coordinates import HUBER, Coordinates, programs
 from keycld_model.training.stage import Variables
 
-HUBER = 0.01
-"""Deviation of a keypoint, image units, from which its weight falls."""
-CHUNK = 90
-"""Sequences whose derivatives are in memory together."""
 RIDGE = 1e-9
 """Relative; holds directions that the recordings do not determine, such as forces along a rod."""
 ATTEMPTS = 6
@@ -86,7 +82,8 @@ def identify(
         fewer = fit._replace(theta=np.where(absent, 0, fit.theta))
         fewer, without = _minimise(problem, fewer, iterations, lambda _: lean / LEAN**2, ~absent)
         fit = fewer if without <= cost else fit
-    return {**problem.variables(jnp.asarray(fit.theta, jnp.float32)), "trajectories": {"x": fit.x, "v": fit.v}}
+    found = problem.coordinates.variables(problem.first, jnp.asarray(fit.theta, jnp.float32))
+    return {**variables, **found, "trajectories": {"x": fit.x, "v": fit.v}}
 
 
 class _Fit(NamedTuple):
@@ -168,12 +165,7 @@ class _Blocks(NamedTuple):
 
 
 class _Problem:
-    """Residuals and derivatives, in coordinates in which the valley is nearly straight.
-
-    Forces act where keypoints were seen, wherever on the rod the mass is, and a mass at the end of a rod counts by its
-    moment about the joint; so a wrong place of the mass leaves forces and inertia as they are. If it matters which of
-    the masses a motor acts on, forces act on these.
-    """
+    """Costs of all sequences and their derivatives."""
 
     def __init__(
         self,
@@ -184,20 +176,13 @@ class _Problem:
         slide: bool,
         at_masses: bool,
     ) -> None:
-        self.parts, self.first, self.at_masses = parts, variables, at_masses
-        self.mechanism = parts.config.mechanism
-        self.ends = jnp.asarray([end for _, end in end_rods(self.mechanism)] if slide else [], int)
-        self.leaning = jnp.asarray([start for start, _ in rails(self.mechanism)] if slide else [], int)
-        parameters, self._unravel = ravel_pytree(self._parameters(variables))
+        self.mechanism, self.sequences = parts.config.mechanism, len(keypoints)
+        self.coordinates = Coordinates(parts.config, slide, at_masses)
+        self.first = {name: variables[name] for name in ("dynamics", "rod_scale", "lean")}
+        parameters, self._unravel = ravel_pytree(self.coordinates.parameters(self.first))
         self.start = np.asarray(parameters, np.float64)
-        self.sequences = len(keypoints)
-        data = jnp.asarray(keypoints), jnp.asarray(actions)
-        self._blocks = jax.jit(
-            lambda theta, x, v: jax.lax.map(lambda row: self._block(theta, *row), (x, v, *data), batch_size=CHUNK)
-        )
-        self._try = jax.jit(
-            lambda theta, z, x, v: jax.vmap(lambda *row: self._cost(theta, *row))(z, x, v, *data),
-        )
+        self._data = jnp.asarray(keypoints), jnp.asarray(actions)
+        self._blocks, self._costs = programs(self.coordinates)
 
     def price(self, theta: Vector) -> Vector:
         """Second derivatives `[p]` of the penalty on influences of motors on keypoints, at a noise of one.
@@ -242,105 +227,19 @@ class _Problem:
 
     def blocks(self, fit: _Fit) -> _Blocks:
         """Second-order pictures of the costs of all sequences."""
-        hessian, gradient, cost = self._blocks(jnp.asarray(fit.theta, jnp.float32), fit.x, fit.v)
+        hessian, gradient, cost = self._blocks(
+            self.first, jnp.asarray(fit.theta, jnp.float32), fit.x, fit.v, *self._data
+        )
         return _Blocks(np.asarray(hessian, np.float64), np.asarray(gradient, np.float64), self._bounded(cost))
 
     def try_step(self, fit: _Fit, shared: Vector, own: Vector) -> tuple[Vector, _Fit]:
         """Costs `[N]` after a step of the parameters `[p]` and of the states `[N, s]`, and the fit after it."""
         theta = fit.theta + shared
-        cost, x, v = self._try(jnp.asarray(theta, jnp.float32), jnp.asarray(own, jnp.float32), fit.x, fit.v)
+        moved = jnp.asarray(theta, jnp.float32), jnp.asarray(own, jnp.float32)
+        cost, x, v = self._costs(self.first, *moved, fit.x, fit.v, *self._data)
         return self._bounded(cost), _Fit(theta, x, v)
 
     def _bounded(self, cost: Array) -> Vector:
         """A trajectory that diverges costs as if all its keypoints were an image unit away."""
         bound = HUBER * self.mechanism.num_keypoints
         return np.nan_to_num(np.minimum(np.asarray(cost, np.float64), bound), nan=bound)
-
-    def _stretch(self, rod_scale: Array) -> Array:
-        """S `[n, n]`: positions of the masses = S positions at which forces act."""
-        rod_scale = jnp.zeros_like(rod_scale) if self.at_masses else rod_scale
-        return slide_along_rods(self.mechanism, rod_scale, jnp.eye(2 * self.mechanism.num_keypoints)).T
-
-    def _stretched_levels(self, rod_scale: Array) -> Array:
-        """`[c]` factors on the constants of the constraints between what is seen and where the masses are."""
-        ends = [end for _, end in end_rods(self.mechanism)]
-        rods = [jnp.exp(2 * rod_scale[r.end]) if r.end in ends else jnp.ones(()) for r in self.mechanism.rods]
-        return jnp.stack(rods + [jnp.ones(())] * len(self.mechanism.sliders))
-
-    def _parameters(self, variables: Variables) -> dict[str, Array]:
-        dynamics, scale = variables["dynamics"], variables["rod_scale"]
-        stretch, n = self._stretch(scale), 2 * self.mechanism.num_keypoints
-        kernel = dynamics["input"]["linear"]["kernel"].reshape(n, n, -1)
-        return {
-            "inertia": jax.nn.log_softmax(dynamics["log_masses"]).at[self.ends].add(2 * scale[self.ends]),
-            "rod_scale": scale[self.ends],
-            "lean": variables["lean"][self.leaning],
-            "level": dynamics["level"] / self._stretched_levels(scale),
-            "potential": stretch.T @ dynamics["potential"]["linear"]["kernel"],
-            "input": jnp.einsum("xi,xfu,fj->iju", stretch, kernel, stretch),
-            "constant_input": stretch.T @ dynamics["input"]["linear"]["bias"].reshape(n, -1),
-        }
-
-    def variables(self, theta: Array) -> Variables:
-        """Variables with these parameters; masses have sum 1."""
-        p = self._unravel(theta)
-        scale = self.first["rod_scale"].at[self.ends].set(p["rod_scale"])
-        lean = self.first["lean"].at[self.leaning].set(p["lean"])
-        log_masses = p["inertia"].at[self.ends].add(-2 * p["rod_scale"])
-        total = jnp.sum(jnp.exp(log_masses))
-        back = jnp.linalg.inv(self._stretch(scale))
-        old = self.first["dynamics"]
-        potential, force = old["potential"], old["input"]
-        kernel = jnp.einsum("ix,iju,jf->xfu", back, p["input"], back) / total
-        linear = {
-            "kernel": kernel.reshape(kernel.shape[0], -1),
-            "bias": (back.T @ p["constant_input"] / total).reshape(-1),
-        }
-        dynamics = {
-            **old,
-            "log_masses": log_masses - jnp.log(total),
-            "level": p["level"] * self._stretched_levels(scale),
-            "potential": {
-                **potential,
-                "linear": {**potential["linear"], "kernel": back.T @ p["potential"] / total},
-            },
-            "input": {**force, "linear": linear},
-        }
-        return {**self.first, "dynamics": dynamics, "rod_scale": scale, "lean": lean}
-
-    def _deviations(
-        self, theta: Array, z: Array, x: Array, v: Array, keypoints: Array, actions: Array
-    ) -> tuple[Array, tuple[Array, Array]]:
-        """Rollout minus keypoints `[T, n]` where they were seen, and the initial state after moving it by z."""
-        variables = self.variables(theta)
-        model = self.parts.lagrangian(variables)
-        basis, dof = model.tangent_space(x), self.mechanism.degrees_of_freedom
-        state = model.project(x + basis @ z[:dof], v + basis @ z[dof:])
-        positions, _ = model.rollout(*state, actions, self.parts.config.timestep)
-        return to_keypoints(self.mechanism, variables, positions) - keypoints, state
-
-    def _block(self, theta: Array, x: Array, v: Array, keypoints: Array, actions: Array) -> tuple[Array, Array, Array]:
-        p = theta.shape[0]
-
-        def deviations(q: Array) -> Array:
-            return self._deviations(q[:p], q[p:], x, v, keypoints, actions)[0].ravel()
-
-        q = jnp.concatenate([theta, jnp.zeros(2 * self.mechanism.degrees_of_freedom, theta.dtype)])
-        error, jacobian = deviations(q), jax.jacfwd(deviations)(q)
-        distance, cost = _huber(error)
-        weight = jnp.repeat(jnp.minimum(1.0, HUBER / distance), 2) / keypoints.shape[0]
-        weighted = jacobian * weight[:, None]
-        return weighted.T @ jacobian, weighted.T @ error, cost / keypoints.shape[0]
-
-    def _cost(
-        self, theta: Array, z: Array, x: Array, v: Array, keypoints: Array, actions: Array
-    ) -> tuple[Array, Array, Array]:
-        error, state = self._deviations(theta, z, x, v, keypoints, actions)
-        return _huber(error)[1] / keypoints.shape[0], *state
-
-
-def _huber(error: Array) -> tuple[Array, Array]:
-    """Distances of all keypoints in all frames, and the sum of their Huber losses."""
-    distance = jnp.sqrt(jnp.sum(error.reshape(-1, 2) ** 2, axis=-1) + 1e-12)
-    near = distance < HUBER
-    return distance, jnp.sum(jnp.where(near, 0.5 * distance**2, HUBER * (distance - 0.5 * HUBER)))
