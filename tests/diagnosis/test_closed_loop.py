@@ -55,6 +55,7 @@ def runs(friction: float, number: int = 6):
     return out
 
 
+@pytest.mark.slow
 def test_refitted_masses_leave_only_noise_of_a_closed_loop():
     given = runs(0.0)
     simulator = Simulator(mujoco.MjModel.from_xml_string(CRANK), 0.01)

@@ -79,6 +79,7 @@ def test_train_refuses_images_that_no_network_fits(tmp_path, capsys):
     assert "12x10 pixels" in message and "multiples of 8" in message
 
 
+@pytest.mark.slow
 def test_train_prints_a_summary(data, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(loop.PRESETS, "default", replace(TINY, stages=TINY.stages[:1]))
     monkeypatch.setattr(loop, "COLLAPSED", 0.0)
@@ -116,6 +117,7 @@ def test_evaluate_refuses(data, checkpoint, tmp_path, capsys):
     assert "action[3, 0] is nan" in evaluate(other)
 
 
+@pytest.mark.slow
 def test_evaluate_prints_the_scores(data, checkpoint, capsys):
     assert main(["evaluate", str(checkpoint), "--data", str(data), "--context", "3", "--json"]) == 0
     scores = json.loads(capsys.readouterr().out)
@@ -134,6 +136,7 @@ def test_evaluate_prints_the_scores(data, checkpoint, capsys):
     assert scores["circular_r2"].keys() == {"hinge"}
 
 
+@pytest.mark.slow
 def test_data_without_actions_go_with_a_mechanism_without_motors(data, tmp_path, capsys):
     free = {"actuator_names": (), "t_action": None, "action": None, "units": {"qpos": "rad"}}
     for recording in recordings(2, **free):

@@ -12,7 +12,7 @@ from keycld_model.modules import Parts
 from keycld_model.training.identification import identify
 from keycld_model.training.places import to_keypoints
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unoptimised")]
 
 PENDULUMS = Mechanism(num_keypoints=2, num_actions=2, rods=(Rod(None, 0), Rod(0, 1)))
 CART = Mechanism(num_keypoints=2, num_actions=2, rods=(Rod(0, 1),), sliders=(Slider(0),))

@@ -8,7 +8,7 @@ from test_identification import NOISE, PENDULUMS, T, motion, truth
 
 from keycld_model.training.fit import FitWindows
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unoptimised")]
 OFF = jnp.asarray([0.06, -0.04])
 WINDOW = 12
 
