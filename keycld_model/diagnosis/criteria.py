@@ -13,8 +13,8 @@ class Criteria:
     Attributes:
         window_samples: samples of a window; long enough to show friction, short enough that rollouts stay near.
         rollout_windows: windows that a rollout over held-out recordings is as long as.
-        comparison_window: length of a window in which two sets of recordings are compared, s; some swings of the fastest
-            mechanism, so that initial states explain little.
+        comparison_window: length of a window in which two sets of recordings are compared, s; so long that initial
+            states explain little, and so short that forces at the joints are told from the motion.
         mass_spread: standard deviation expected of the logarithms of masses and lengths: scales and rulers at hand.
         zero_spread: standard deviation expected of an encoder's zero, rad or m.
         view_spread: standard deviation expected of what a camera that looks askew adds to a position, rad or m.
@@ -40,10 +40,12 @@ class Criteria:
             leave, and what a residual force must gain beside named effects.
         residual_force: nats that a residual force must gain on held-out recordings; its form is free.
         changed: times that a difference between two sets of recordings must gain what it gains between runs of the
-            baseline; with five runs, Student's t goes beyond 4 (16 times) once in 200.
-        further_change: share of what the first difference gains that another must gain: real motion is no exact form,
-            and what differs in form looks like one more effect.
+            baseline; of four runs, the square of Student's t goes beyond 20 once in 50, and of eight once in 500.
+        further_change: share of what the first difference gains that another must gain at another joint; at the same
+            joint it must gain as much, since what differs from the first one's form looks like one more effect there.
         by_run: effects that may differ from run to run of the baseline by themselves, such as where a cable hangs.
+        push: times that a push must gain what looks most like one in the baseline.
+        push_beside_changes: the same beside other differences, whose form is not exact either.
         unexplained_share: share of the misfit that named effects may leave, for them to be certain.
         region: share of the squared force, and of the time, that intervals of positions and speeds hold.
         confined: length of the interval of a force, relative to that of the time, below which it is confined.
@@ -72,9 +74,11 @@ class Criteria:
     pulse_share: float = 0.7
     idealised_share: float = 0.02
     residual_force: float = 15.0
-    changed: float = 15.0
+    changed: float = 20.0
     by_run: int = 2
-    further_change: float = 0.3
+    further_change: float = 0.5
+    push: float = 1.5
+    push_beside_changes: float = 4.0
     unexplained_share: float = 0.1
     region: float = 0.9
     confined: float = 0.5

@@ -76,8 +76,8 @@ def diagnose(
     if baseline:
         if held_out or tracked or observation is not None:
             raise InputError(
-                "A baseline is compared by positions of encoders, and parts of the recordings are held out by themselves; "
-                "leave out held_out, tracked and observation."
+                "A baseline is compared by positions of encoders, and parts of the recordings are held out by "
+                "themselves; leave out held_out, tracked and observation."
             )
         return _changed(recordings, baseline, model, criteria)
     if tracked and observation is not None:

@@ -1,10 +1,11 @@
 """Gates on real recordings: what the diagnosis must show on mechanisms of other people (docs/real-data.md)."""
 
+from keycld_control.benchmarks.real.concealed import ConcealedGate
 from keycld_control.benchmarks.real.gate import Curve, Gate, GateResult
 from keycld_control.benchmarks.real.gates import find_gates
 from keycld_control.benchmarks.real.runner import run
 
-GATES: dict[str, Gate] = find_gates()
+GATES: dict[str, Gate | ConcealedGate] = find_gates()
 """By name."""
 
-__all__ = ["GATES", "Curve", "Gate", "GateResult", "run"]
+__all__ = ["GATES", "ConcealedGate", "Curve", "Gate", "GateResult", "run"]

@@ -1,9 +1,13 @@
 """The double pendulum of the DFKI Underactuated Lab: its files, and its simulator."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import mujoco
 
 from keycld_control.benchmarks.real.gate import RecordingFile
 from keycld_control.benchmarks.real.rigs import RigidLink, double_pendulum
+from keycld_envs.errors import InputError
 from keycld_envs.recordings.importers import Columns
 
 JOINTS = ("shoulder", "elbow")
@@ -31,6 +35,11 @@ def run_file(run: str, id: str, torque: str) -> RecordingFile:
         id: of the recording.
         torque: "tau_con" for the torque that was commanded, "tau_meas" for what the motors report.
     """
+    path = f"dfki_double_pendulum/leaderboard/{run}/trajectory.csv"
+    return _recording_file(path, id, torque, run.split("/")[-1])
+
+
+def _recording_file(path: str, id: str, torque: str, what: str) -> RecordingFile:
     columns = Columns(
         "time",
         {joint: f"pos_meas{j}" for j, joint in enumerate(JOINTS, 1)},
@@ -38,6 +47,59 @@ def run_file(run: str, id: str, torque: str) -> RecordingFile:
         {joint: f"{torque}{j}" for j, joint in enumerate(JOINTS, 1)},
         units={f"pos_meas{j}": "rad" for j, _ in enumerate(JOINTS, 1)},
     )
-    path = f"dfki_double_pendulum/leaderboard/{run}/trajectory.csv"
-    origin = f"dfki-ric-underactuated-lab/double_pendulum: {run.split('/')[-1]}"
-    return RecordingFile(path, columns, id, "BSD-3-Clause", origin)
+    return RecordingFile(path, columns, id, "BSD-3-Clause", f"dfki-ric-underactuated-lab/double_pendulum: {what}")
+
+
+RUNS = {
+    "A.0": [f"design_A.0/20220815/sys_id/trajectory_{i:02d}.csv" for i in range(6)],
+    "C.0": [f"design_C.0/20220914/sys_id/trajectory_{i:02d}.csv" for i in range(7)],
+    "C.1": [
+        f"design_C.1/sys_id/20230629/20230629-{i}/trajectory.csv"
+        for i in ("143339", "143524", "143601", "143704", "154220")
+    ],
+}
+"""Files of the runs with which designs were identified, in which both joints move."""
+
+
+def identified(design: str, model: str) -> Callable[[Path], mujoco.MjModel]:
+    """A simulator with the parameters that the owners identified, without their friction; made of the data's folder."""
+
+    def made(folder: Path) -> mujoco.MjModel:
+        known = parameters(folder, design, model)
+        rotor = known["gr"] ** 2 * known["Ir"]
+        upper = RigidLink(known["m1"], known["r1"], known["I1"], rotor)
+        return double_pendulum(upper, RigidLink(known["m2"], known["r2"], known["I2"], rotor), known["l1"])
+
+    return made
+
+
+def parameters(folder: Path, design: str, model: str) -> dict[str, float]:
+    """What the owners identified.
+
+    Raises:
+        InputError: if the file is not there.
+    """
+    path = folder / (
+        "dfki_double_pendulum/data/system_identification/identified_parameters/"
+        f"design_{design}/model_{model}/model_parameters.yml"
+    )
+    if not path.is_file():
+        raise InputError(f"{path} does not exist; docs/real-data.md says where to get it.")
+    lines = (line.partition(":") for line in path.read_text().splitlines() if ":" in line)
+    return {name.strip(): float(value) for name, _, value in lines}
+
+
+def leaderboard_runs(plant: str, controller: str, number: int) -> list[RecordingFile]:
+    """Undisturbed runs of a controller, with the torque that was commanded."""
+    return [
+        run_file(f"{plant}/real_hardware_v2/src_data/{controller}/experiment{i:02d}", f"{plant}-{i}", "tau_con")
+        for i in range(1, number + 1)
+    ]
+
+
+def system_identification_runs(design: str) -> list[RecordingFile]:
+    """Runs in which both joints are driven to be identified, with the torque that was commanded."""
+    return [
+        _recording_file(f"dfki_double_pendulum/data/experiment_records/{path}", f"{design} {i}", "tau_con", "sys_id")
+        for i, path in enumerate(RUNS[design])
+    ]

@@ -154,19 +154,24 @@ class Contest:
         windows, p = self.windows([*self.baseline, recording]), self.regression.shared.shape[2]
         own = [Column(p + i, frozenset([*self.baseline, recording]), 0.0) for i in candidate.columns]
         columns, precision = self._explicit(windows, [*self.design(self.baseline, [recording]), *present, *own])
-        other, _ = self._explicit(windows, [Column(p + i, frozenset([recording]), 0.0) for i in candidate.of_difference])
+        other, _ = self._explicit(
+            windows, [Column(p + i, frozenset([recording]), 0.0) for i in candidate.of_difference]
+        )
         changed = replace(self.regression, target=self.regression.target.copy())
         changed.target[windows] -= other @ values
         nats = [r.solve(windows, columns, precision).nats for r in (self.regression, changed)]
         return nats[0] - nats[1]
 
     def left(self, present: Sequence[Column] = ()) -> Array:
-        """What shared terms and present differences leave of the target, `[W, r]`."""
+        """What shared terms and present differences leave of the target, `[W, r]`; zero in windows of neither set."""
         windows = self.windows([*self.baseline, *self.new])
         columns, precision = self._explicit(windows, [*self.design(self.baseline, self.new), *present])
         values = self.regression.solve(windows, columns, precision).values
         p = self.regression.shared.shape[2]
-        return self.regression.target - self.regression.shared @ values[:p] - columns @ values[p:]
+        out = np.zeros_like(self.regression.target)
+        out[windows] = self.regression.target[windows] - self.regression.shared[windows] @ values[:p]
+        out[windows] -= columns @ values[p:]
+        return out
 
     def weigh(self, baseline: Sequence[int], new: Sequence[int], present: Sequence[Column] = ()) -> None:
         """Grams of all columns in each recording, windows weighted as where nothing differs."""

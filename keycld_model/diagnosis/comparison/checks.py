@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.comparison.pushes import Overlap
@@ -20,8 +23,8 @@ def check_alike(recordings: Sequence[Recording], baseline: Sequence[Recording]) 
         ours, theirs = (tuple(getattr(r, field)) for r in (new, old))
         if ours != theirs:
             raise InputError(
-                f"Recording {new.id!r} has the {field} {list(ours)}, the baseline {old.id!r} has {list(theirs)}; compare "
-                "recordings of the same joints and actuators, in the same order."
+                f"Recording {new.id!r} has the {field} {list(ours)}, the baseline {old.id!r} has {list(theirs)}; "
+                "compare recordings of the same joints and actuators, in the same order."
             )
     for signal in ("qpos", "action"):
         ours, theirs = (r.units.get(signal) for r in (new, old))
@@ -55,4 +58,13 @@ def check_overlap(overlap: Sequence[Overlap]) -> None:
         raise InputError(
             f"For {100 * worst.share:.0f} % of the time, the {worst.channel} in the recordings is beyond what the "
             "baseline has; excite both alike, so that they can be compared."
+        )
+
+
+def check_enough(comparable: NDArray[np.bool_], new: NDArray[np.bool_]) -> None:
+    """Raise InputError if few windows of new recordings stay within the range of the baseline."""
+    if comparable.sum() < max(4, 0.2 * new.sum()):
+        raise InputError(
+            f"Only {comparable.sum()} of {new.sum()} windows of the recordings stay within the positions and "
+            "speeds of the baseline; excite both alike, so that they can be compared."
         )

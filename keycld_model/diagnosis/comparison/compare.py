@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.comparison.candidates import Columns
 from keycld_model.diagnosis.comparison.changes import Contest
-from keycld_model.diagnosis.comparison.checks import check_alike, check_overlap
+from keycld_model.diagnosis.comparison.checks import check_alike, check_enough, check_overlap
 from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.pushes import Overlap, beyond_baseline, pushes
+from keycld_model.diagnosis.comparison.pushes import Overlap, beyond_baseline, comparable, pushes
 from keycld_model.diagnosis.comparison.regression import Discrepancy, regression
 from keycld_model.diagnosis.comparison.regressors import Term, shared_terms
 from keycld_model.diagnosis.comparison.selection import Change, Ranked, Selection, between_runs
@@ -57,7 +57,7 @@ class Comparison:
 
     @property
     def right(self) -> float:
-        """Share of findings of comparisons that were right, on recordings of other rigs in which effects were concealed."""
+        """Share of findings that were right on recordings in which effects had been concealed."""
         return RIGHT
 
 
@@ -88,12 +88,14 @@ def compare(
     of_baseline = motion.windows.recording < len(baseline)
     overlap = beyond_baseline(motion, of_baseline)
     check_overlap(overlap)
+    within = comparable(motion, of_baseline)
+    check_enough(within & ~of_baseline, ~of_baseline)
     advance(20, "columns of all effects")
     terms, columns = shared_terms(motion, criteria), Columns.of(motion)
     advance(10, "what the baseline leaves")
     found, discrepancy = regression(motion, terms, columns.answers, of_baseline)
     zeros = [(i, term.spread) for i, term in enumerate(terms) if term.zero]
-    recording, new = _halves(motion, len(baseline), len(recordings))
+    recording, new = _halves(motion, len(baseline), within)
     contest = Contest(found, columns.candidates, recording, tuple(range(len(baseline))), new, zeros)
     advance(20, "how runs of the baseline differ")
     chance = between_runs(contest, criteria)
@@ -122,11 +124,15 @@ def compare(
     )
 
 
-def _halves(motion: Motion, baseline: int, new: int) -> tuple[NDArray[np.int64], tuple[int, ...]]:
-    """Recording of each window, a single new one cut into two halves, so that one can test the other."""
-    recording = motion.windows.recording.copy()
-    if new > 1:
-        return recording, tuple(range(baseline, baseline + new))
-    own = np.flatnonzero(recording == baseline)
-    recording[own[len(own) // 2 :]] = baseline + 1
-    return recording, (baseline, baseline + 1)
+def _halves(motion: Motion, baseline: int, within: NDArray[np.bool_]) -> tuple[NDArray[np.int64], tuple[int, ...]]:
+    """Recording of each window, -1 where the baseline says nothing of it, and the new ones.
+
+    A single new one is cut into two halves, so that one can test the other.
+    """
+    recording = np.where(within, motion.windows.recording, -1)
+    new = [int(r) for r in np.unique(recording) if r >= baseline]
+    if len(new) > 1:
+        return recording, tuple(new)
+    own = np.flatnonzero(recording == new[0])
+    recording[own[len(own) // 2 :]] = new[0] + 1
+    return recording, (new[0], new[0] + 1)

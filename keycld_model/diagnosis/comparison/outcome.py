@@ -202,7 +202,7 @@ class _Rolled:
     """Rollouts over windows of the new recordings.
 
     Attributes:
-        new: `[W]` which windows are new.
+        new: `[W]` which windows are new, and in the range of the baseline.
         refitted: the simulator with nuisances and usual friction, fitted to the baseline.
         nominal: the simulator as it was, on new recordings.
         before: refitted, on new recordings.
@@ -228,12 +228,13 @@ class _Rolled:
         problem = Problem(simulator, windows.take(some))
         refitted = minimise(problem, problem.start(), 15)
         refitted = minimise(problem, refitted.point.with_effects(*_usual(model)), 15)
-        after = Problem(simulator, windows.take(np.flatnonzero(~of_baseline)))
+        new = np.isin(found.contest.recording, found.contest.new)
+        after = Problem(simulator, windows.take(np.flatnonzero(new)))
         start = replace(refitted, point=replace(refitted.point, variant=problem.start().variant))
         changed = _with_changes(refitted, [c.effect for c in found.changes])
         before = replay(after, refitted)
         corrected = replay(after, changed) if found.changes else before
-        return cls(~of_baseline, refitted, replay(after, start), before, corrected)
+        return cls(new, refitted, replay(after, start), before, corrected)
 
     def errors(self, found: Comparison) -> FitErrors:
         """Each half of the new recordings with sizes from the other one."""
@@ -254,8 +255,8 @@ class _Rolled:
         seconds = float(np.median(windows.time[:, -1] - windows.time[:, 0]))
         errors = rollout_error(self.nominal), rollout_error(self.before), corrected
         return FitErrors(
-            f"root mean square of rollouts over {seconds:.2g} s with fitted initial states, on new recordings, each half "
-            "with sizes from the other",
+            f"root mean square of rollouts over {seconds:.2g} s with fitted initial states, on new recordings, each "
+            "half with sizes from the other",
             error_unit(windows.observation.units),
             *(round(1e3 * error, 4) for error in errors),
         )

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +17,7 @@ Array = NDArray[np.float64]
 def pushes(contest: Contest, motion: Motion, criteria: Criteria, present: list[Column]) -> list[Pulse]:
     """Rectangles of force at one joint, at most one per joint and window, joined where they touch.
 
-    Each must gain its price and half as much again as the best of the same joint in the baseline, beside the changes.
+    Each must gain its price, and more than the best of the same joint in the baseline by a factor of the criteria.
     """
     response = motion.response
     (windows, _, nv, parts), c = response.shape, contest.regression
@@ -29,9 +30,10 @@ def pushes(contest: Contest, motion: Motion, criteria: Criteria, present: list[C
     gain = 0.5 * along**2 / power
     of_baseline = np.isin(contest.recording, contest.baseline)
     found = []
+    beyond = criteria.push_beside_changes if present else criteria.push
     edges = motion.windows.edges(parts) * motion.windows.step
     for j in range(nv):
-        least = max(criteria.pulse, 1.5 * float(gain[of_baseline, j].max()))
+        least = max(criteria.pulse, beyond * float(gain[of_baseline, j].max()))
         for w in np.flatnonzero(~of_baseline):
             s = int(gain[w, j].argmax())
             others = gain[w].max(axis=1)
@@ -55,18 +57,29 @@ class Overlap:
     share: float
 
 
+def comparable(motion: Motion, baseline: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Windows of the baseline, and those that hardly leave its positions and speeds, `[W]`; commands may change."""
+    beyond = np.any([b for channel, b in _beyond(motion, baseline) if not channel.startswith("command")], axis=0)
+    return baseline | (beyond.mean(axis=1) <= 0.1)
+
+
 def beyond_baseline(motion: Motion, baseline: NDArray[np.bool_]) -> list[Overlap]:
     """Channels in which new recordings leave the range of the baseline, widened by a tenth."""
-    model, out = motion.model, []
-    for kind, values, names in (
-        ("position", motion.q, [model.joint(j).name for j in range(model.njnt)]),
-        ("speed", motion.v, [model.joint(j).name for j in range(model.njnt)]),
-        ("command", motion.u, [model.actuator(i).name for i in range(model.nu)]),
-    ):
+    return [Overlap(channel, float(beyond[~baseline].mean())) for channel, beyond in _beyond(motion, baseline)]
+
+
+def _beyond(motion: Motion, baseline: NDArray[np.bool_]) -> list[tuple[str, NDArray[np.bool_]]]:
+    """Channels, and where they leave the range of the baseline, `[W, S]`; hinges that turn round have none."""
+    model = motion.model
+    joints, motors = ([x(i).name for i in range(n)] for x, n in ((model.joint, model.njnt), (model.actuator, model.nu)))
+    channels = [("position", motion.q, joints), ("speed", motion.v, joints), ("command", motion.u, motors)]
+    out = []
+    for kind, values, names in channels:
         for i, name in enumerate(names):
-            before, after = values[baseline][..., i], values[~baseline][..., i]
-            low, high = np.quantile(before, [0.005, 0.995])  # single samples do not count
+            x = values[..., i]
+            if kind == "position" and model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE:
+                x = np.mod(x + np.pi, 2 * np.pi) - np.pi
+            low, high = np.quantile(x[baseline], [0.005, 0.995])  # single samples do not count
             margin = 0.1 * (high - low)
-            share = float(np.mean((after < low - margin) | (after > high + margin)))
-            out.append(Overlap(f"{kind} of {name}", share))
+            out.append((f"{kind} of {name}", (x < low - margin) | (x > high + margin)))
     return out

@@ -31,7 +31,7 @@ class Unsteady:
 
     Attributes:
         rest: `[W, B, nv]` share of each part of a window in which a joint may rest.
-        command: `[W, B, nv]` standard deviation of a motor's torque within the part, N m or N: no motor follows at once.
+        command: `[W, B, nv]` standard deviation of a motor's torque within the part, N m or N; none follows at once.
     """
 
     rest: Array
@@ -217,7 +217,9 @@ class _Restricted:
     def regression(self, discrepancy: Discrepancy, others: Array) -> Regression:
         """Shared and other columns `[W, r, C]` and the target, white and without what initial states explain."""
         rows, p = np.arange(len(self.motion.windows)), self.shared.shape[2]
-        factor = np.linalg.cholesky(discrepancy.covariance(self.motion, self.unsteady, rows))
+        factor: Array = np.asarray(
+            np.linalg.cholesky(discrepancy.covariance(self.motion, self.unsteady, rows)), np.float64
+        )
         basis = np.linalg.qr(np.linalg.solve(factor, self.motion.states))[0]
         freedom = factor.shape[1] - basis.shape[2]
         nothing = np.zeros((*self.motion.residual.shape, 0))

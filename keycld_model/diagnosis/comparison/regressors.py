@@ -184,4 +184,3 @@ def _zeros(motion: Motion, criteria: Criteria) -> list[Term]:
         force = (motion.required - inverse_dynamics(model, q, motion.v, motion.a)) / little
         out.append(Term(f"zero of {model.joint(joint).name}", motion.answer(force), criteria.zero_spread, zero=True))
     return out
-

@@ -4,10 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect, PositionDependentFriction
+from keycld_envs.effects.places import ActuatorEffect
 from keycld_model.diagnosis.comparison.candidates import Columns, refined
 from keycld_model.diagnosis.comparison.changes import Candidate, Column, Contest, Difference, Key
 from keycld_model.diagnosis.comparison.motion import Motion
@@ -105,19 +107,36 @@ class Selection:
         while len(found) < self.criteria.most_effects:
             present = [column for change in found for column in change.columns]
             ranked = self._ranked(present)
-            if not ranked or ranked[0].times < self.criteria.changed:
+            clear = self._clear(ranked)
+            if not clear:
                 return found, ranked[0] if ranked else None, False
-            advance(0, f"sizing {ranked[0].effect.id} at {ranked[0].effect.where}")
-            change = self._change(ranked, present)
-            if change.held_out <= 0 or (found and change.ranked.difference.gain < self._least(found)):
+            advance(0, f"sizing {clear[0].effect.id} at {clear[0].effect.where}")
+            change = self._change(clear, ranked, present)
+            if change.held_out <= 0 or change.ranked.difference.gain < self._least(change, found):
                 return found, change.ranked, not found
             found.append(change)
             self.taken.add(change.effect.key)
         return found, None, False
 
-    def _least(self, found: Sequence[Change]) -> float:
-        """Nats of a further change: the form of one that was found leaves a share of what it explains."""
-        return self.criteria.further_change * max(change.ranked.difference.gain for change in found)
+    def _clear(self, ranked: Sequence[Ranked]) -> list[Ranked]:
+        """Those that come near the best and gain more than chance does, the best first."""
+        first = self._score(ranked[0]) if ranked else 0.0
+        near = [r for r in ranked if self._score(r) > 0.5 * first > 0]
+        if not any(r.times >= self.criteria.changed and self._score(r) > 0.8 * first for r in near):
+            return []
+        return [r for r in near if r.times >= self.criteria.changed]
+
+    def _least(self, change: Change, found: Sequence[Change]) -> float:
+        """Nats of a further change: at other joints a share of what was found, at the same ones as much."""
+        model, share = self.motion.model, self.criteria.further_change
+        own = joint_of(change.effect, model)
+        return max(
+            (
+                f.ranked.difference.gain * (share if own not in (None, joint_of(f.effect, model)) else 1.0)
+                for f in found
+            ),
+            default=0.0,
+        )
 
     def _ranked(self, present: Sequence[Column]) -> list[Ranked]:
         """Candidates that are possible, the best first."""
@@ -129,9 +148,7 @@ class Selection:
             more[~self.baseline, joint] = abs(size)  # where it rests, the new friction may be any force as well
             self.discrepancy = replace(self.discrepancy, more=more)
             columns = self.contest.regression.others.shape[2]
-            again = whitened_again(
-                self.motion, self.terms, self.columns.answers, self.baseline, self.discrepancy
-            )
+            again = whitened_again(self.motion, self.terms, self.columns.answers, self.baseline, self.discrepancy)
             if again.others.shape[2] == columns:
                 self.contest = self.contest.with_regression(again)
                 best = self._tested(present)
@@ -161,19 +178,16 @@ class Selection:
     def _chance(self, difference: Difference) -> float:
         return max(float(len(difference.values)), self.chance.get(difference.candidate.key, 0.0))
 
-    def _change(self, ranked: Sequence[Ranked], present: Sequence[Column]) -> Change:
+    def _change(self, clear: Sequence[Ranked], ranked: Sequence[Ranked], present: Sequence[Column]) -> Change:
         """The best with its parameters, refined beside those that come near."""
-        first = self._score(ranked[0])
-        near = [r for r in ranked if self._score(r) > 0.5 * first and r.times > self.criteria.changed][:5]
+        near = clear[:5]
         fits = [self._refined(r, present) for r in near]
         contest, best = max(fits, key=lambda fit: self._score(fit[1]))
         rest = [r for _, r in fits if r is not best] + [r for r in ranked if r not in near]
         weight = {id(r): float(np.exp((self._score(r) - self._score(best)) / max(best.chance, 1.0))) for r in rest}
         difference = best.difference
         p = contest.regression.shared.shape[2]
-        columns = [
-            Column(p + i, frozenset(contest.new), 0.0) for i in difference.candidate.of_difference
-        ]
+        columns = [Column(p + i, frozenset(contest.new), 0.0) for i in difference.candidate.of_difference]
         self.contest = contest
         return Change(
             _present(difference),
@@ -214,10 +228,15 @@ class Selection:
 def _present(difference: Difference) -> Effect:
     """The effect with its difference."""
     hypothesis = difference.candidate.hypothesis
-    values = {
-        p.name: float(p.absent + v) for p, v in zip(hypothesis.coefficients, difference.values, strict=False)
-    }
+    values = {p.name: float(p.absent + v) for p, v in zip(hypothesis.coefficients, difference.values, strict=False)}
     return replace(hypothesis.effect, **values)
+
+
+def joint_of(effect: Effect, model: mujoco.MjModel) -> str | None:
+    """Name of the joint that an effect acts at, None for bodies, the surroundings and sensors."""
+    if isinstance(effect, ActuatorEffect):
+        return str(model.joint(int(model.actuator(effect.where).trnid[0])).name)
+    return effect.where if effect.kind == "joint" else None
 
 
 def _dry_joint(ranked: Sequence[Ranked], motion: Motion) -> int | None:
@@ -263,9 +282,7 @@ def between_runs(contest: Contest, criteria: Criteria) -> dict[Key, float]:
         contest.by_run += [(p + i, 1 / max(float(v), 1e-12)) for i, v in zip(candidate.columns, size, strict=True)]
     gains, few = _left_out(contest), 3
     usual = float(np.mean([gain for own in gains.values() for gain, _ in own]))
-    return {
-        key: (few * usual + sum(gain for gain, _ in own)) / (few + len(own)) for key, own in gains.items()
-    }
+    return {key: (few * usual + sum(gain for gain, _ in own)) / (few + len(own)) for key, own in gains.items()}
 
 
 def _left_out(contest: Contest) -> dict[Key, list[tuple[float, int]]]:

@@ -131,7 +131,9 @@ def changed_headline(verdict: Verdict, findings: Sequence[Finding], errors: FitE
     if not findings:
         if verdict == "undetermined":
             return "Some of the new recordings differ from the baseline, and others do not, or not in the same way."
-        return f"Nothing has changed: the recordings differ no more than the {runs} runs of the baseline among themselves."
+        return (
+            f"Nothing has changed: the recordings differ no more than the {runs} runs of the baseline among themselves."
+        )
     what = _few(findings) if len(findings) < 3 else _many(findings)
     since = "that the baseline has not" if verdict == "mismatch" else "that the baseline may not have"
     verb = "falls" if errors.corrected < errors.refitted else "goes"

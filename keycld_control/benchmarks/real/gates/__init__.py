@@ -3,10 +3,13 @@
 from importlib import import_module
 from pkgutil import iter_modules
 
+from keycld_control.benchmarks.real.concealed import ConcealedGate
 from keycld_control.benchmarks.real.gate import Gate
 
 
-def find_gates() -> dict[str, Gate]:
+def find_gates() -> dict[str, Gate | ConcealedGate]:
     """All gates by name, in the order of their names."""
-    found: list[Gate] = [import_module(f"{__name__}.{module.name}").GATE for module in iter_modules(__path__)]
+    found: list[Gate | ConcealedGate] = [
+        import_module(f"{__name__}.{module.name}").GATE for module in iter_modules(__path__)
+    ]
     return {gate.name: gate for gate in sorted(found, key=lambda gate: gate.name)}

@@ -80,6 +80,7 @@ def _templates() -> jinja2.Environment:
         "effect_name": effect_name,
         "error": error,
         "experiment": experiment,
+        "measured": measured,
         "mathml": lambda equation: markup(mathml(equation)),
         "minus": minus,
         "percent": lambda share: f"{share:.2f}%",

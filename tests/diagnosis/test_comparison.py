@@ -1,0 +1,187 @@
+"""What changed since a baseline: named, placed and sized beside what nobody modelled, or said to be nothing."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants import recordings
+
+from keycld_control.cli import main
+from keycld_envs.effects import ActuatorDeadZone, AddedInertia, Effect, GravityTilt, SensorLatency, ViscousFriction
+from keycld_envs.effects.edited import edited
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import Recording, write_recording
+from keycld_envs.systems import get_system
+from keycld_model.diagnosis import Report, diagnose
+from keycld_model.diagnosis.comparison.motion import Motion, inverse_dynamics
+from keycld_model.diagnosis.comparison.regressors import answer_of, force_of
+from keycld_model.diagnosis.criteria import STANDARD
+from keycld_model.diagnosis.output.page import html_page
+
+Force = Callable[..., np.ndarray]
+
+
+def unmodelled(t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """What both sets have, and no simulator: drag and dry friction at all joints."""
+    return -0.01 * v * np.abs(v) - 0.05 * np.tanh(v / 0.02)
+
+
+@cache
+def sets(system: str, new: Force | None) -> tuple[list[Recording], list[Recording]]:
+    """New recordings with a force more, and a baseline, of one mechanism with its own masses and zeros."""
+    before = recordings(system, 3, unmodelled, number=8)[:5]
+    if new is None:
+        return recordings(system, 3, unmodelled, number=8)[5:], before
+    return recordings(system, 3, lambda *now: unmodelled(*now) + new(*now), number=8)[5:], before
+
+
+def viscous(t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    return -0.08 * np.eye(len(v))[-1] * v
+
+
+def dry(t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    return -0.1 * np.eye(len(v))[-1] * np.tanh(v / 0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "system, force, effect, place, parameter, size",
+    [
+        ("pendulum", dry, "coulomb_friction", "hinge", "c", 0.1),
+        ("cartpole", viscous, "viscous_friction", "hinge_1", "b", 0.08),
+        ("acrobot", viscous, "viscous_friction", "elbow", "b", 0.08),
+    ],
+)
+def test_what_changed_is_named_placed_and_sized(
+    system: str, force: Force, effect: str, place: str, parameter: str, size: float
+) -> None:
+    new, before = sets(system, force)
+    report = diagnose(new, get_system(system).compile(), baseline=before)
+    assert [(f.effect, f.where["name"]) for f in report.findings] == [(effect, place)]
+    found = report.findings[0].parameters[parameter]
+    assert found.value == pytest.approx(size, rel=0.1)
+    assert found.low < size < found.high
+    assert (report.verdict, report.exit_code) == ("mismatch", 10)
+    assert report.fit.corrected < report.fit.refitted < report.fit.nominal
+    assert report.baseline == [r.id for r in before]
+
+
+@pytest.fixture(scope="module")
+def unchanged() -> Report:
+    """Of two sets in which nothing changed."""
+    new, before = sets("pendulum", None)
+    return diagnose(new, get_system("pendulum").compile(), baseline=before)
+
+
+@pytest.mark.slow
+def test_nothing_changed_though_much_is_missing(unchanged: Report) -> None:
+    assert (unchanged.verdict, unchanged.findings, unchanged.exit_code) == ("no_mismatch", [], 0)
+    common = {f.effect: f for f in unchanged.common}
+    assert common["coulomb_friction"].parameters["c"].value == pytest.approx(0.05, rel=0.25)
+    assert all(f.confidence < 0.5 for f in unchanged.common)
+
+
+@pytest.mark.slow
+def test_the_page_of_a_comparison_says_what_both_have(unchanged: Report) -> None:
+    page = html_page(unchanged)
+    assert 'id="common"' in page and 'data-effect="coulomb_friction"' in page
+    assert 'id="common"' not in html_page(replace(unchanged, baseline=[], common=[]))
+
+
+@pytest.fixture(scope="module")
+def motion() -> tuple[Motion, list[Recording]]:
+    """Of runs of the pendulum, which its simulator does not explain."""
+    runs = recordings("pendulum", 1, unmodelled, errors=0.0, number=3, seconds=2.0)
+    return Motion.of(runs, get_system("pendulum").compile(), STANDARD), runs
+
+
+def test_forces_that_the_motion_needs_are_those_that_nobody_modelled(motion: tuple[Motion, list[Recording]]) -> None:
+    followed, _ = motion
+    gear = followed.model.actuator_gear[0, 0]
+    needed = followed.over_parts(followed.required - gear * followed.u)
+    truth = followed.over_parts(unmodelled(0.0, followed.q, followed.v, followed.u))
+    inside = slice(2, -2)  # no sample tells of the last part; encoders that are not at zero shift all by gravity
+    slope, _ = np.polyfit(truth[:, inside].ravel(), needed[:, inside].ravel(), 1)
+    assert slope == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("effect", [AddedInertia("hinge", 0.02), GravityTilt(alpha=0.1)])
+def test_what_edits_a_model_is_the_force_that_it_saves(motion: tuple[Motion, list[Recording]], effect: Effect) -> None:
+    followed, _ = motion
+    after = inverse_dynamics(edited(followed.model, [effect]), followed.q, followed.v, followed.a)
+    assert force_of(followed, effect) == pytest.approx(followed.required - after, abs=1e-9)
+
+
+def test_forces_are_those_of_the_equations(motion: tuple[Motion, list[Recording]]) -> None:
+    followed, _ = motion
+    assert force_of(followed, ViscousFriction("hinge", 0.3)) == pytest.approx(-0.3 * followed.v)
+    zone = ActuatorDeadZone(followed.model.actuator(0).name, 0.2)
+    gear = followed.model.actuator_gear[0, 0]
+    steady = np.abs(followed.u[..., 0]) > 0.25
+    assert force_of(followed, zone)[steady][:, 0] == pytest.approx(-0.2 * gear * np.sign(followed.u[steady][:, 0]))
+
+
+def test_a_late_sensor_shows_an_earlier_position(motion: tuple[Motion, list[Recording]]) -> None:
+    followed, _ = motion
+    late = answer_of(followed, SensorLatency(d=0.01)) * followed.problem.noise[0]
+    windows = followed.windows
+    speed = np.gradient(windows.measured[..., 0], 0.01, axis=1)
+    inside = slice(3, -3)
+    assert late[:, inside] == pytest.approx(-0.01 * speed[:, inside], abs=0.01)
+
+
+def words(recordings: Sequence[Recording], folder: Path) -> str:
+    for r in recordings:
+        write_recording(folder / r.id, r)
+    return str(folder)
+
+
+def renamed(recording: Recording, id: str) -> Recording:
+    return replace(recording, id=id)
+
+
+def test_sets_that_cannot_be_compared_are_refused_with_both_named() -> None:
+    model = get_system("pendulum").compile()
+    new, before = sets("pendulum", None)
+    with pytest.raises(InputError, match="1 run; at least two"):
+        diagnose(new, model, baseline=before[:1])
+    with pytest.raises(InputError, match="in the baseline, too"):
+        diagnose(before[:2], model, baseline=before)
+    with pytest.raises(InputError, match="held_out"):
+        diagnose(new, model, held_out=before, baseline=before)
+    slow = [replace(r, t_state=np.asarray(r.t_state) * 5, t_action=np.asarray(r.t_action) * 5) for r in new]
+    with pytest.raises(InputError, match="every 50 ms, the baseline, such as 'run-0', every 10 ms"):
+        diagnose(slow, model, baseline=before)
+    far = [replace(r, qpos=np.asarray(r.qpos) * 40) for r in new]
+    with pytest.raises(InputError, match="excite both alike"):
+        diagnose(far, model, baseline=before)
+
+
+@pytest.mark.slow
+def test_clocks_may_count_from_any_time_and_samples_be_missing(unchanged: Report) -> None:
+    new, before = sets("pendulum", viscous)
+    moved = []
+    for r in new:
+        q = np.array(r.qpos)
+        q[40:44] = np.nan
+        late = {name: np.asarray(getattr(r, name)) + 1e9 for name in ("t_state", "t_action")}
+        moved.append(replace(r, qpos=q, **late))
+    report = diagnose(moved, get_system("pendulum").compile(), baseline=before)
+    assert [(f.effect, f.where["name"]) for f in report.findings] == [("viscous_friction", "hinge")]
+
+
+@pytest.mark.slow
+def test_keycld_diagnose_with_a_baseline(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    new, before = sets("pendulum", dry)
+    today, baseline = words([renamed(r, f"new-{r.id}") for r in new], tmp_path / "new"), words(before, tmp_path / "old")
+    out = tmp_path / "report"
+    assert main(["diagnose", today, "--baseline", baseline, "--env", "pendulum", "--out", str(out)]) == 10
+    report = json.loads((out / "report.json").read_text())
+    assert report["findings"][0]["effect"] == "coulomb_friction"
+    assert 0.5 < report["findings"][0]["confidence"] <= report["findings"][0]["family_confidence"] <= 1
+    assert (out / "report.html").is_file() and (out / "corrected.xml").is_file()
+    assert main(["diagnose", today, "--baseline", str(tmp_path / "none"), "--env", "pendulum"]) == 2
