@@ -45,6 +45,7 @@ class Criteria:
             joint it must gain as much, since what differs from the first one's form looks like one more effect there.
         by_run: effects that may differ from run to run of the baseline by themselves, such as where a cable hangs.
         push: times that a push must gain what looks most like one in the baseline.
+        push_share: share of the new windows that pushes may be in; where there are more, it is something else.
         push_beside_changes: the same beside other differences, whose form is not exact either.
         unexplained_share: share of the misfit that named effects may leave, for them to be certain.
         region: share of the squared force, and of the time, that intervals of positions and speeds hold.
@@ -79,6 +80,7 @@ class Criteria:
     further_change: float = 0.5
     push: float = 1.5
     push_beside_changes: float = 4.0
+    push_share: float = 0.2
     unexplained_share: float = 0.1
     region: float = 0.9
     confined: float = 0.5

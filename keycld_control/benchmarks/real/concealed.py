@@ -1,7 +1,7 @@
 """A gate of effects that are concealed in somebody's recordings: what of them does a comparison find?
 
-Which runs are a baseline, which are new, and what is concealed in these, is drawn from a seed; the truth is opened after
-the diagnosis. Mechanism and sensors are real, with all that nobody modelled.
+Which runs are a baseline, which are new, and what is concealed in these, is drawn from a seed; the truth is opened
+after the diagnosis. Mechanism and sensors are real, with all that nobody modelled.
 """
 
 import time
@@ -254,8 +254,8 @@ def described(numbers: Mapping[str, Any]) -> str:
         f"alarms {share(n['alarms'], n['nulls'])}; named {share(n['named'], n['concealed'])}, in the reported set "
         f"{share(n['in_set'], n['concealed'])}, placed {share(n['placed'], n['concealed'])}; within 20 % "
         f"{share(n['sized'], n['named'])}; intervals cover {share(n['covered'], n['intervals'])}; held-out error falls "
-        f"{share(n['error_falls'], n['concealed'])}; further findings {n['extra']}; seconds {n['median_s']:.0f}, longest "
-        f"{n['longest_s']:.0f}"
+        f"{share(n['error_falls'], n['concealed'])}; further findings {n['extra']}; seconds {n['median_s']:.0f}, "
+        f"longest {n['longest_s']:.0f}"
     )
 
 

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 def pushes(contest: Contest, motion: Motion, criteria: Criteria, present: list[Column]) -> list[Pulse]:
     """Rectangles of force at one joint, at most one per joint and window, joined where they touch.
 
-    Each must gain its price, and more than the best of the same joint in the baseline by a factor of the criteria.
+    Where they seem to be everywhere, it is something else. Each must gain its price, and more than the best of the same joint in the baseline by a factor of the criteria.
     """
     response = motion.response
     (windows, _, nv, parts), c = response.shape, contest.regression
@@ -41,7 +41,8 @@ def pushes(contest: Contest, motion: Motion, criteria: Criteria, present: list[C
                 start, end = motion.windows.start[w] + edges[[first[s], last[s]]]
                 force = float(along[w, j, s] / power[w, j, s])
                 found.append(Pulse(int(motion.windows.recording[w]), j, float(start), float(end - start), force))
-    return found
+    few = criteria.push_share * max(1, int(np.isin(contest.recording, contest.new).sum()))
+    return found if len(found) <= few else []
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ USUAL: tuple[type[Effect], ...] = (
 )
 """What every mechanism has some of: in both sets of recordings, whatever changed.
 
-No gain of a motor: with masses and gains free, nothing that moves by nothing is a perfect explanation.
+No gain of a motor: with masses and gains free, that nothing moves and nothing drives it would be a perfect explanation.
 """
 DIFFERENCE = 0.02
 """Share of an inertia, by which it is changed for its column."""
