@@ -17,6 +17,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording, write_recording
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import Report, diagnose
+from keycld_model.diagnosis.comparison.detectable import detectable
 from keycld_model.diagnosis.comparison.motion import Motion, inverse_dynamics
 from keycld_model.diagnosis.comparison.regressors import answer_of, force_of
 from keycld_model.diagnosis.criteria import STANDARD
@@ -175,6 +176,22 @@ def test_clocks_may_count_from_any_time_and_samples_be_missing(unchanged: Report
 
 
 @pytest.mark.slow
+def test_what_is_detectable_is_found_and_what_is_far_below_is_not() -> None:
+    model, before = get_system("pendulum").compile(), sets("pendulum", None)[1]
+    least = {(d.effect, d.parameter): d for d in detectable(before, model)}
+    b = least["viscous_friction", "b"]
+    assert (b.where, b.unit) == ("hinge", "N m s/rad")
+    assert b.force == pytest.approx(b.size * np.sqrt(np.mean(np.concatenate([speed(r) for r in before]) ** 2)), rel=0.1)
+    for factor, found in ((3.0, ["viscous_friction"]), (0.2, [])):
+        new = recordings("pendulum", 3, lambda *now, k=factor: unmodelled(*now) - k * b.size * now[2], number=8)[5:]
+        assert [f.effect for f in diagnose(new, model, baseline=before).findings] == found
+
+
+def speed(recording: Recording) -> np.ndarray:
+    return np.gradient(np.asarray(recording.qpos)[:, 0], 0.01)
+
+
+@pytest.mark.slow
 def test_keycld_diagnose_with_a_baseline(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     new, before = sets("pendulum", dry)
     today, baseline = words([renamed(r, f"new-{r.id}") for r in new], tmp_path / "new"), words(before, tmp_path / "old")
@@ -184,4 +201,8 @@ def test_keycld_diagnose_with_a_baseline(tmp_path: Path, capsys: pytest.CaptureF
     assert report["findings"][0]["effect"] == "coulomb_friction"
     assert 0.5 < report["findings"][0]["confidence"] <= report["findings"][0]["family_confidence"] <= 1
     assert (out / "report.html").is_file() and (out / "corrected.xml").is_file()
+    assert main(["detectable", baseline, "--env", "pendulum", "--out", str(tmp_path / "least.html"), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out.splitlines()[-1])["detectable"]
+    assert {"coulomb_friction", "actuator_delay", "sensor_latency"} <= {row["effect"] for row in rows}
+    assert (tmp_path / "least.html").is_file()
     assert main(["diagnose", today, "--baseline", str(tmp_path / "none"), "--env", "pendulum"]) == 2

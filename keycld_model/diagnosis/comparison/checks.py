@@ -13,11 +13,7 @@ from keycld_model.diagnosis.inputs.prepare import spacing
 
 def check_alike(recordings: Sequence[Recording], baseline: Sequence[Recording]) -> None:
     """Raise InputError if a baseline does not suit recordings, with both named."""
-    if len(baseline) < 2:
-        raise InputError(
-            f"The baseline has {len(baseline)} run; at least two are needed to tell change from chance, and four or "
-            "more tell it well. Record the mechanism again as it was."
-        )
+    check_runs(len(baseline))
     new, old = recordings[0], baseline[0]
     for field in ("joint_names", "actuator_names"):
         ours, theirs = (tuple(getattr(r, field)) for r in (new, old))
@@ -42,6 +38,15 @@ def check_alike(recordings: Sequence[Recording], baseline: Sequence[Recording]) 
     same = {r.id for r in recordings}.intersection(r.id for r in baseline if any(_equal(r, n) for n in recordings))
     if same:
         raise InputError(f"The recording {sorted(same)[0]!r} is in the baseline, too; compare with other runs.")
+
+
+def check_runs(number: int) -> None:
+    """Raise InputError if a baseline has too few runs."""
+    if number < 2:
+        raise InputError(
+            f"The baseline has {number} run; at least two are needed to tell change from chance, and four or more tell "
+            "it well. Record the mechanism again as it was."
+        )
 
 
 def _equal(one: Recording, other: Recording) -> bool:

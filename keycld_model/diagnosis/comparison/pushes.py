@@ -15,9 +15,10 @@ Array = NDArray[np.float64]
 
 
 def pushes(contest: Contest, motion: Motion, criteria: Criteria, present: list[Column]) -> list[Pulse]:
-    """Rectangles of force at one joint, at most one per joint and window, joined where they touch.
+    """Rectangles of force at one joint, at most one per joint and window.
 
-    Where they seem to be everywhere, it is something else. Each must gain its price, and more than the best of the same joint in the baseline by a factor of the criteria.
+    Each must gain its price, and more than what looks most like one at the same joint in the baseline, by a factor of
+    the criteria. Where they seem to be everywhere, it is something else.
     """
     response = motion.response
     (windows, _, nv, parts), c = response.shape, contest.regression

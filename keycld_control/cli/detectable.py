@@ -1,0 +1,97 @@
+"""Tell the smallest effects that a comparison would find on a rig."""
+
+from dataclasses import asdict, dataclass
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tyro.conf import Positional
+
+from keycld_control.cli._compiled import keep_compiled
+from keycld_control.cli._output import print_result
+
+if TYPE_CHECKING:
+    from keycld_model.diagnosis.comparison.detectable import Detectable
+
+
+@dataclass(frozen=True)
+class Args:
+    """Tell, for every effect and place, the smallest size that `keycld diagnose --baseline` would find in one new run.
+
+    Attributes:
+        recordings: Folder of recordings of the mechanism as it is, at least two; they are the baseline.
+        env: Environment that simulates it; by default the one that the recordings name.
+        mjcf: MuJoCo XML file of it instead.
+        out: HTML file to write, with a picture of the forces of these sizes.
+        json: Print one JSON object.
+    """
+
+    recordings: Positional[Path]
+    env: str | None = None
+    mjcf: Path | None = None
+    out: Path | None = None
+    json: bool = False
+
+
+def run(args: Args) -> None:
+    """Compute, draw, and print a table."""
+    keep_compiled()
+    from keycld_envs.progress import progress
+    from keycld_envs.recordings import read_dataset
+    from keycld_model.diagnosis import Source
+    from keycld_model.diagnosis.comparison.detectable import detectable
+
+    recordings = read_dataset(args.recordings).recordings
+    model = Source.of(args.mjcf, args.env or recordings[0].system).model
+    with progress("Looking", total=100) as advance:
+        found = detectable(recordings, model, advance=advance)
+    if args.out is not None:
+        _draw(found, args.out)
+    if args.json:
+        rows = [
+            {k: v if not isinstance(v, float) or isfinite(v) else None for k, v in asdict(d).items()} for d in found
+        ]
+        print_result({"detectable": rows}, as_json=True)
+    else:
+        _print_table(found)
+
+
+def _print_table(found: "list[Detectable]") -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("place", "effect", "smallest size", "force, rms", box=box.SIMPLE)
+    for d in found:
+        size = f"{d.parameter} = {d.size:.2g} {d.unit}" if isfinite(d.size) else f"{d.parameter}: none"
+        table.add_row(f"{d.kind} {d.where}", d.effect, size, f"{d.force:.2g}" if isfinite(d.force) else "")
+    Console().print(table)
+
+
+def _draw(found: "list[Detectable]", path: Path) -> None:
+    """Bars of the forces that the smallest sizes make, by place; offline."""
+    import plotly.graph_objects as go
+
+    from keycld_envs.files import atomic_file
+
+    shown = [d for d in found if isfinite(d.force) and d.force > 0]
+    figure = go.Figure()
+    for where in dict.fromkeys(d.where for d in shown):
+        own = sorted((d for d in shown if d.where == where), key=lambda d: d.force)
+        figure.add_bar(
+            name=where,
+            x=[d.force for d in own],
+            y=[f"{d.effect} {d.parameter}, {d.where}" for d in own],
+            orientation="h",
+            text=[f"{d.parameter} = {d.size:.2g} {d.unit}" for d in own],
+        )
+    figure.update_layout(
+        title="Smallest differences that would be found in one new run",
+        xaxis_title="force along the recorded motion, N m or N, root mean square",
+        template="plotly_white",
+        height=140 + 22 * len(shown),
+        margin={"l": 320},
+    )
+    figure.update_xaxes(type="log")
+    with atomic_file(path, "w") as file:
+        file.write(figure.to_html(include_plotlyjs=True, full_html=True))
