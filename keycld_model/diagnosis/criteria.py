@@ -40,7 +40,7 @@ class Criteria:
             leave, and what a residual force must gain beside named effects.
         residual_force: nats that a residual force must gain on held-out recordings; its form is free.
         changed: times that a difference between two sets of recordings must gain what it gains between runs of the
-            baseline; of four runs, the square of Student's t goes beyond 20 once in 50, and of eight once in 500.
+            baseline; of four runs, the square of Student's t goes beyond 25 once in 65, and of eight once in 640.
         further_change: share of what the first difference gains that another must gain at another joint; at the same
             joint it must gain as much, since what differs from the first one's form looks like one more effect there.
         by_run: effects that may differ from run to run of the baseline by themselves, such as where a cable hangs.
@@ -75,7 +75,7 @@ class Criteria:
     pulse_share: float = 0.7
     idealised_share: float = 0.02
     residual_force: float = 15.0
-    changed: float = 20.0
+    changed: float = 25.0
     by_run: int = 2
     further_change: float = 0.5
     push: float = 1.5

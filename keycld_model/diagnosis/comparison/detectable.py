@@ -50,7 +50,9 @@ def detectable(
     criteria: Criteria = STANDARD,
     advance: Callable[..., None] = lambda *_: None,
 ) -> list[Detectable]:
-    """For every effect and place, about the smallest size that a comparison with these recordings would find in one run.
+    """For every effect and place, about the smallest size that a comparison with these recordings would find.
+
+    In one new run, to a factor of two or three.
 
     Effects with further, nonlinear parameters are tried with usual ones.
 

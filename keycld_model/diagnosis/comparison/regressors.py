@@ -9,10 +9,16 @@ from numpy.typing import NDArray
 
 from keycld_envs.effects import (
     ActuatorDelay,
+    ActuatorLag,
+    AsymmetricFriction,
     ConstantForce,
     CoulombFriction,
     Effect,
+    LoadDependentFriction,
+    PositionDependentFriction,
     QuadraticDrag,
+    Spring,
+    StribeckFriction,
     ViscousFriction,
     edited,
 )
@@ -35,6 +41,17 @@ USUAL: tuple[type[Effect], ...] = (
 
 No gain of a motor: with masses and gains free, that nothing moves and nothing drives it would be a perfect explanation.
 """
+IDEALISED: tuple[type[Effect], ...] = (
+    AsymmetricFriction,
+    LoadDependentFriction,
+    PositionDependentFriction,
+    Spring,
+    StribeckFriction,
+    ActuatorLag,
+)
+"""What all friction and all motors are a little, which the usual terms leave out."""
+USUAL_NUMBERS = ("backward", "c", "f")
+"""Parameters of these that usual terms have already."""
 DIFFERENCE = 0.02
 """Share of an inertia, by which it is changed for its column."""
 
@@ -142,7 +159,28 @@ def shared_terms(motion: Motion, criteria: Criteria) -> list[Term]:
                 little = absent.with_parameters(**{number.name: number.absent + number.scale})
                 column = answer_of(motion, little) / number.scale
                 out.append(Term(f"{absent.id} at {absent.where}", column, spread, absent))
+    out += _idealised(motion)
     return [term for term in out if np.any(term.column)]
+
+
+def _idealised(motion: Motion) -> list[Term]:
+    """What friction and motors are beyond the simplest forms, expected to be a share of the forces of the motion."""
+    model, out = motion.model, []
+    usual, share = np.sqrt(np.mean(motion.required**2, axis=(0, 1))), 0.1
+    for kind in IDEALISED:
+        for absent in kind.candidates(model):
+            if not can_be_tested(absent, model):
+                continue
+            for number in absent.parameters():
+                if number.grid or number.name in USUAL_NUMBERS:
+                    continue
+                little = absent.with_parameters(**{number.name: number.absent + number.scale})
+                force = np.sqrt(np.mean(force_of(motion, little) ** 2, axis=(0, 1))) / number.scale
+                if force.any():
+                    spread = float(np.max(share * usual[force > 0] / force[force > 0]))
+                    column = answer_of(motion, little) / number.scale
+                    out.append(Term(f"{number.name} of {absent.id} at {absent.where}", column, spread))
+    return out
 
 
 def _inertias(motion: Motion, criteria: Criteria) -> list[Term]:
