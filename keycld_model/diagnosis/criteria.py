@@ -40,13 +40,11 @@ class Criteria:
             leave, and what a residual force must gain beside named effects.
         residual_force: nats that a residual force must gain on held-out recordings; its form is free.
         changed: times that a difference between two sets of recordings must gain what it gains between runs of the
-            baseline; of four runs, the square of Student's t goes beyond 25 once in 65, and of eight once in 640.
+            baseline; the square of Student's t goes beyond 25 once in 130 with four degrees of freedom, once
+            in 950 with eight.
         further_change: share of what the first difference gains that another must gain at another joint; at the same
             joint it must gain as much, since what differs from the first one's form looks like one more effect there.
         by_run: effects that may differ from run to run of the baseline by themselves, such as where a cable hangs.
-        push: times that a push must gain what looks most like one in the baseline.
-        push_share: share of the new windows that pushes may be in; where there are more, it is something else.
-        push_beside_changes: the same beside other differences, whose form is not exact either.
         unexplained_share: share of the misfit that named effects may leave, for them to be certain.
         region: share of the squared force, and of the time, that intervals of positions and speeds hold.
         confined: length of the interval of a force, relative to that of the time, below which it is confined.
@@ -78,9 +76,6 @@ class Criteria:
     changed: float = 25.0
     by_run: int = 2
     further_change: float = 0.5
-    push: float = 1.5
-    push_beside_changes: float = 4.0
-    push_share: float = 0.2
     unexplained_share: float = 0.1
     region: float = 0.9
     confined: float = 0.5

@@ -162,17 +162,6 @@ class Contest:
         nats = [r.solve(windows, columns, precision).nats for r in (self.regression, changed)]
         return nats[0] - nats[1]
 
-    def left(self, present: Sequence[Column] = ()) -> Array:
-        """What shared terms and present differences leave of the target, `[W, r]`; zero in windows of neither set."""
-        windows = self.windows([*self.baseline, *self.new])
-        columns, precision = self._explicit(windows, [*self.design(self.baseline, self.new), *present])
-        values = self.regression.solve(windows, columns, precision).values
-        p = self.regression.shared.shape[2]
-        out = np.zeros_like(self.regression.target)
-        out[windows] = self.regression.target[windows] - self.regression.shared[windows] @ values[:p]
-        out[windows] -= columns @ values[p:]
-        return out
-
     def weigh(self, baseline: Sequence[int], new: Sequence[int], present: Sequence[Column] = ()) -> None:
         """Grams of all columns in each recording, windows weighted as where nothing differs."""
         windows = self.windows([*baseline, *new])

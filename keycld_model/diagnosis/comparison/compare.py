@@ -12,13 +12,12 @@ from keycld_model.diagnosis.comparison.candidates import Columns
 from keycld_model.diagnosis.comparison.changes import Contest
 from keycld_model.diagnosis.comparison.checks import check_alike, check_enough, check_overlap
 from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.pushes import Overlap, beyond_baseline, comparable, pushes
+from keycld_model.diagnosis.comparison.overlap import Overlap, beyond_baseline, comparable
 from keycld_model.diagnosis.comparison.regression import Discrepancy, regression
 from keycld_model.diagnosis.comparison.regressors import Term, shared_terms
 from keycld_model.diagnosis.comparison.selection import Change, Ranked, Selection, between_runs
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.inputs.prepare import ready, spacing, thin
-from keycld_model.diagnosis.simulation.variant import Pulse
 
 Array = NDArray[np.float64]
 RIGHT = 0.9
@@ -37,7 +36,6 @@ class Comparison:
         changes: accepted differences.
         next_best: the best that was not accepted.
         inconsistent: it gains in some of the new recordings only.
-        pulses: in the new recordings, which are numbered after those of the baseline.
         overlap: what new recordings have beyond the baseline.
         discrepancy: that nothing explains.
         contest: in which changes were tested.
@@ -50,7 +48,6 @@ class Comparison:
     changes: Sequence[Change]
     next_best: Ranked | None
     inconsistent: bool
-    pulses: Sequence[Pulse]
     overlap: Sequence[Overlap]
     discrepancy: Discrepancy
     contest: Contest
@@ -102,10 +99,8 @@ def compare(
     advance(20, "testing differences")
     selection = Selection(motion, terms, columns, contest, discrepancy, of_baseline, criteria, chance)
     changes, next_best, inconsistent = selection.changes(advance)
-    advance(20, "looking for pushes")
+    advance(20)
     contest = selection.contest
-    present = [column for change in changes for column in change.columns]
-    pulses = pushes(contest, motion, criteria, present)
     nothing = np.zeros((int(of_baseline.sum()), found.target.shape[1], 0))
     solution = contest.regression.solve(of_baseline, nothing, np.zeros(0))
     advance(10)
@@ -117,7 +112,6 @@ def compare(
         changes,
         next_best,
         inconsistent,
-        pulses,
         overlap,
         selection.discrepancy,
         contest,

@@ -12,7 +12,6 @@ from keycld_envs.effects import (
     ConstantForce,
     CoulombFriction,
     Effect,
-    ExternalPulse,
     ViscousFriction,
 )
 from keycld_model.diagnosis.comparison.compare import Comparison
@@ -27,7 +26,7 @@ from keycld_model.diagnosis.output.words import changed_headline
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.evidence import evidence
 from keycld_model.diagnosis.verdict.findings import estimate, nuisance_of
-from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Report, Unexplained, Verdict
+from keycld_model.diagnosis.verdict.report import Finding, FitErrors, Report, Unexplained, Verdict
 
 Array = NDArray[np.float64]
 IN_BOTH = 0.19
@@ -48,7 +47,7 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
     rolled = _Rolled.of(found, model, criteria)
     errors = rolled.errors(found)
     runs = len(ids)
-    findings = [*(_finding(c, found, model, runs) for c in found.changes), *_pushed(found, model)]
+    findings = [_finding(c, found, model, runs) for c in found.changes]
     verdict = _verdict(found, errors)
     return Report(
         verdict=verdict,
@@ -68,8 +67,8 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
 
 def _verdict(found: Comparison, errors: FitErrors) -> Verdict:
     """Whether something changed: what does not hold in all new recordings is undetermined."""
-    if found.changes or found.pulses:
-        return "mismatch" if found.pulses or errors.corrected < errors.refitted else "undetermined"
+    if found.changes:
+        return "mismatch" if errors.corrected < errors.refitted else "undetermined"
     return "no_mismatch" if found.next_best is None or not found.inconsistent else "undetermined"
 
 
@@ -99,34 +98,6 @@ def _finding(change: Change, found: Comparison, model: mujoco.MjModel, runs: int
         rivals=[rival for rival, _, _ in others],
         rivals_where=[{"kind": kind, "name": name} for _, kind, name in others],
     )
-
-
-def _pushed(found: Comparison, model: mujoco.MjModel) -> list[Finding]:
-    """Pushes, one finding per joint."""
-    out, ids = [], found.motion.windows.ids
-    for dof in sorted({p.dof for p in found.pulses}):
-        own = [p for p in found.pulses if p.dof == dof]
-        when: dict[str, list[tuple[float, float]]] = {}
-        for p in own:
-            when.setdefault(ids[p.recording], []).append((p.start, p.start + p.duration))
-        sizes = np.abs([p.force for p in own])
-        joint = model.joint(int(model.dof_jntid[dof]))
-        unit = "N m" if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE else "N"
-        out.append(
-            Finding(
-                effect=ExternalPulse.id,
-                family=ExternalPulse.family,
-                where={"kind": "joint", "name": joint.name},
-                parameters={"f": Estimate(float(np.median(sizes)), unit, float(sizes.min()), float(sizes.max()))},
-                equation=ExternalPulse.equation,
-                confidence=found.right,
-                family_confidence=found.right,
-                rivals=[],
-                when=[span for spans in when.values() for span in spans] if len(when) == 1 else None,
-                when_by_recording=when,
-            )
-        )
-    return out
 
 
 def _common(found: Comparison, model: mujoco.MjModel, runs: int) -> list[Finding]:
