@@ -90,7 +90,7 @@ def without_times(value: Any) -> Any:
         return {
             k: without_times(v)
             for k, v in value.items()
-            if "second" not in k and k not in ("reports", "cpu_s", "wall_s")
+            if "second" not in k and not k.endswith("_s") and k != "reports"
         }
     return [without_times(v) for v in value] if isinstance(value, list) else value
 
