@@ -15,6 +15,8 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent / "
 import damage  # noqa: E402
 
 QUICK = [t for t in damage.TARGETS if t.name not in ("MATLAB", "MATLAB, compressed", "recording: video", "MJCF")]
+SLOW = ("checkpoint", "state of a training")
+"""Of these, what builds a network first."""
 OFTEN = settings(
     max_examples=25,
     deadline=None,
@@ -23,7 +25,10 @@ OFTEN = settings(
 )
 
 
-@pytest.mark.parametrize("target", QUICK, ids=lambda target: target.name)
+@pytest.mark.parametrize(
+    "target",
+    [pytest.param(target, id=target.name, marks=[pytest.mark.slow] if target.name in SLOW else []) for target in QUICK],
+)
 @OFTEN
 @given(how=st.sampled_from(sorted(damage.DAMAGES)), seed=st.integers(0, 2**32))
 def test_damaged_files_are_refused_or_what_was_written(tmp_path_factory, target, how, seed):
