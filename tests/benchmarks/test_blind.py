@@ -38,6 +38,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
+@pytest.mark.slow
 def test_an_interrupted_making_goes_on_and_gives_the_same_bytes(made, tmp_path, monkeypatch):
     out, each = tmp_path / "again", making.each
 

@@ -71,6 +71,7 @@ def test_of_the_same_nothing_is_told_apart_and_the_words_say_so(swings, fits):
     assert "a spring" in experiment(proposed) and "Measure something else" in experiment(proposed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loop", [False, True])
 def test_slides_are_released_and_where_nothing_can_be_done_nothing_is_proposed(loop):
     closed = '<equality><joint joint1="x" joint2="y"/></equality>' if loop else ""

@@ -69,6 +69,7 @@ def test_the_spatial_softmax_picks_a_pixel(factor):
     assert found[0, 0, 1] > 0 > found[0, 1, 1]  # the first is above the middle
 
 
+@pytest.mark.slow
 def test_saliency_attends_to_what_differs_from_the_mean_frame():
     parts = Parts(replace(CONFIG, networks=replace(CONFIG.networks, saliency=30.0)))
     parameters = random_parameters(parts.config)
