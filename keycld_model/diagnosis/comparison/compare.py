@@ -121,12 +121,13 @@ def compare(
 def _halves(motion: Motion, baseline: int, within: NDArray[np.bool_]) -> tuple[NDArray[np.int64], tuple[int, ...]]:
     """Recording of each window, -1 where the baseline says nothing of it, and the new ones.
 
-    A single new one is cut into two halves, so that one can test the other.
+    A single new one is parted into two halves, of every second window, so that one can test the other: its end may be
+    nothing like its start.
     """
     recording = np.where(within, motion.windows.recording, -1)
     new = [int(r) for r in np.unique(recording) if r >= baseline]
     if len(new) > 1:
         return recording, tuple(new)
     own = np.flatnonzero(recording == new[0])
-    recording[own[len(own) // 2 :]] = new[0] + 1
+    recording[own[1::2]] = new[0] + 1
     return recording, (new[0], new[0] + 1)
