@@ -1,7 +1,7 @@
 """What changed between two sets of recordings: the stages in order."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -102,7 +102,10 @@ def compare(
     advance(20)
     contest = selection.contest
     nothing = np.zeros((int(of_baseline.sum()), found.target.shape[1], 0))
-    solution = contest.regression.solve(of_baseline, nothing, np.zeros(0))
+    none = 1e12  # precision: they are not there, so that the simplest forms have names
+    precision = np.where([term.beyond for term in terms], none, found.precision)
+    simplest = replace(contest.regression, precision=precision)
+    solution = simplest.solve(of_baseline, nothing, np.zeros(0))
     advance(10)
     return Comparison(
         motion,

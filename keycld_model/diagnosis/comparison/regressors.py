@@ -66,6 +66,7 @@ class Term:
         spread: standard deviation expected of it; infinite if nothing is known.
         effect: whose first parameter it is; None of inertias and zeros.
         zero: it is the zero of an encoder, which may differ from day to day.
+        beyond: it is beyond the simplest forms of friction and motors, which it makes up for in part.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Term:
     spread: float
     effect: Effect | None = None
     zero: bool = False
+    beyond: bool = False
 
 
 def answer_of(motion: Motion, effect: Effect) -> Array:
@@ -179,7 +181,8 @@ def _idealised(motion: Motion) -> list[Term]:
                 if force.any():
                     spread = float(np.max(share * usual[force > 0] / force[force > 0]))
                     column = answer_of(motion, little) / number.scale
-                    out.append(Term(f"{number.name} of {absent.id} at {absent.where}", column, spread))
+                    name = f"{number.name} of {absent.id} at {absent.where}"
+                    out.append(Term(name, column, spread, beyond=True))
     return out
 
 
