@@ -11,6 +11,7 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from keycld_control.benchmarks.real import GATES, Curve, GateResult, dfki
+from keycld_control.benchmarks.real.concealed import Case, passed, share, summary
 from keycld_control.benchmarks.real.gate import DataSplit, Gate, Outcome
 from keycld_control.benchmarks.real.gates import r1, r3
 from keycld_control.benchmarks.real.plots import write_page
@@ -189,3 +190,27 @@ def test_two_dissipation_terms_together_explain_what_either_makes_worse(case: st
         errors[name] = [rollouts.error(i) for i in range(2)]
     assert errors["viscous"] == [pytest.approx(6.5, abs=0.5), pytest.approx(16.3, abs=0.5)]
     assert max(np.array(errors["coulomb and drag"]) / errors["viscous"]) < 0.6
+
+
+def test_a_concealed_effect_is_graded_by_name_place_size_and_interval() -> None:
+    def found(effect: str, where: str, value: float, rivals: list[str]) -> Report:
+        size = {"c": Estimate(value, "N m", value - 0.05, value + 0.05)}
+        finding = Finding(effect, "dissipation", {"kind": "joint", "name": where}, size, "", 0.7, rivals)
+        fit = FitErrors("", "mrad", 3, 2, 1)
+        return Report("mismatch", "", [finding], {}, Unexplained(False, 0, None, ""), fit, [])
+
+    truth = CoulombFriction("elbow", 0.3)
+    right = Case("rig", ["a"], truth, found("coulomb_friction", "elbow", 0.33, []), 1.0).grade()
+    assert [right[k] for k in ("named", "in_set", "placed", "sized", "covered", "error_falls")] == [True] * 4 + [
+        [True],
+        True,
+    ]
+    rival = Case("rig", ["a"], truth, found("stribeck_friction", "elbow", 0.4, ["coulomb_friction"]), 1.0).grade()
+    assert [rival[k] for k in ("named", "in_set", "placed", "sized")] == [False, True, True, False]
+    elsewhere = Case("rig", ["a"], truth, found("coulomb_friction", "shoulder", 0.3, []), 1.0).grade()
+    assert [elsewhere[k] for k in ("named", "placed")] == [False, False]
+    alarm = Case("rig", ["a"], None, found("coulomb_friction", "elbow", 0.3, []), 1.0).grade()
+    counts = summary([right, rival, elsewhere, alarm])
+    assert (counts["alarms"], counts["named"], counts["in_set"], counts["placed"]) == (1, 1, 2, 2)
+    assert not passed(counts)
+    assert share(0, 30) == "0 of 30 (0.00 to 0.12)"
