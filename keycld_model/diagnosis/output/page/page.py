@@ -26,6 +26,7 @@ from keycld_model.diagnosis.verdict.report import Report
 
 PACKAGE = "keycld_model.diagnosis.output.page"
 VERDICTS = {"no_mismatch": "nothing missing", "mismatch": "physics missing", "undetermined": "undetermined"}
+CHANGED = {"no_mismatch": "nothing changed", "mismatch": "changed", "undetermined": "undetermined"}
 
 
 def write_page(report: Report, path: Path, environment: str | None = None, corrected: str | None = None) -> None:
@@ -55,7 +56,7 @@ def html_page(report: Report, environment: str | None = None, corrected: str | N
         .get_template("page.html")
         .render(
             report=report,
-            verdict=VERDICTS[report.verdict],
+            verdict=(CHANGED if report.baseline else VERDICTS)[report.verdict],
             drawing=markup(_drawing(report, evidence)),
             errors=held_out_errors(report, evidence),
             cards=cards(report),
