@@ -17,7 +17,6 @@ from keycld_model.diagnosis.comparison.regression import Discrepancy, regression
 from keycld_model.diagnosis.comparison.regressors import Term, shared_terms
 from keycld_model.diagnosis.comparison.selection import Change, Ranked, Selection, between_runs
 from keycld_model.diagnosis.criteria import Criteria
-from keycld_model.diagnosis.inputs.prepare import ready, spacing, thin
 
 Array = NDArray[np.float64]
 RIGHT = 0.77
@@ -78,10 +77,8 @@ def compare(
         InputError: if the sets are not alike, the baseline is a single run, or their excitations do not overlap.
     """
     check_alike(recordings, baseline)
-    both = [*ready(baseline, model, 1), *ready(recordings, model, 1)]
-    slowest = max(spacing([recording]) for recording in both)
     advance(0, "following the motion")
-    motion = Motion.of([thin(recording, slowest) for recording in both], model, criteria)
+    motion = Motion.of([*baseline, *recordings], model, criteria)
     of_baseline = motion.windows.recording < len(baseline)
     overlap = beyond_baseline(motion, of_baseline)
     check_overlap(overlap)

@@ -16,7 +16,6 @@ from keycld_model.diagnosis.comparison.regressors import force_of, shared_terms
 from keycld_model.diagnosis.comparison.selection import between_runs
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.inputs.checks import check
-from keycld_model.diagnosis.inputs.prepare import ready, spacing, thin
 from keycld_model.diagnosis.observation import JointPositions
 from keycld_model.diagnosis.simulation.contacts import without_contacts
 
@@ -69,15 +68,13 @@ def detectable(
     observation = JointPositions(model, criteria=criteria)
     check(recordings, model, observation, MOST)
     bare = without_contacts(model, recordings, observation)
-    runs = ready(recordings, bare, 1)
-    slowest = max(spacing([r]) for r in runs)
-    motion = Motion.of([thin(r, slowest) for r in runs], bare, criteria)
+    motion = Motion.of(recordings, bare, criteria)
     advance(30)
     terms, columns = shared_terms(motion, criteria), Columns.of(motion)
     everything = np.ones(len(motion.windows), dtype=bool)
     found, _ = regression(motion, terms, columns.answers, everything)
     zeros = [(i, term.spread) for i, term in enumerate(terms) if term.zero]
-    numbers = tuple(range(len(runs)))
+    numbers = tuple(range(len(recordings)))
     contest = Contest(found, columns.candidates, motion.windows.recording, numbers, (), zeros)
     advance(30)
     chance = between_runs(contest, criteria)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.problem import Problem
-from keycld_model.diagnosis.inputs.prepare import accurate_step, spacing
+from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, spacing, thin
 from keycld_model.diagnosis.inputs.windows import Windows, cut
 from keycld_model.diagnosis.observation import JointPositions
 from keycld_model.diagnosis.simulation.simulator import Simulator
@@ -65,7 +65,10 @@ class Motion:
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria) -> "Motion":
-        """The motion of recordings that are ready for a diagnosis."""
+        """The motion of recordings that suit the model, all sampled as rarely as the slowest."""
+        recordings = ready(recordings, model, 1)
+        slowest = max(spacing([recording]) for recording in recordings)
+        recordings = [thin(recording, slowest) for recording in recordings]
         bare = copy.copy(model)
         bare.dof_frictionloss[:] = 0.0
         samples = int(np.clip(round(criteria.comparison_window / spacing(recordings)), FEWEST, MOST))

@@ -142,16 +142,14 @@ class Selection:
         """Candidates that are possible, the best first."""
         best = self._tested(present)
         joint = _dry_joint(best, self.motion)
-        if joint is not None and not self.discrepancy.more[:, joint].any():
+        if joint is not None and not present:
             size = next((r.difference.values[0] for r in best if r.effect.id == "coulomb_friction"), 0.0)
             more = self.discrepancy.more.copy()
             more[~self.baseline, joint] = abs(size)  # where it rests, the new friction may be any force as well
             self.discrepancy = replace(self.discrepancy, more=more)
-            columns = self.contest.regression.others.shape[2]
             again = whitened_again(self.motion, self.terms, self.columns.answers, self.baseline, self.discrepancy)
-            if again.others.shape[2] == columns:
-                self.contest = self.contest.with_regression(again)
-                best = self._tested(present)
+            self.contest = self.contest.with_regression(again)
+            best = self._tested(present)
         possible = [r for r in best if _possible(r.difference)]
         return sorted(possible, key=self._score, reverse=True)
 
