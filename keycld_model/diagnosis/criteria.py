@@ -15,6 +15,8 @@ class Criteria:
         rollout_windows: windows that a rollout over held-out recordings is as long as.
         comparison_window: length of a window in which two sets of recordings are compared, s; so long that initial
             states explain little, and so short that forces at the joints are told from the motion.
+        comparison_mass_spread: the same, relative, where two sets of recordings are compared: both have the masses, and
+            a simulator whose masses are off by half need not be mended first.
         mass_spread: standard deviation expected of the logarithms of masses and lengths: scales and rulers at hand.
         zero_spread: standard deviation expected of an encoder's zero, rad or m.
         view_spread: standard deviation expected of what a camera that looks askew adds to a position, rad or m.
@@ -42,6 +44,8 @@ class Criteria:
         changed: times that a difference between two sets of recordings must gain what it gains between runs of the
             baseline; the square of Student's t goes beyond 25 once in 130 with four degrees of freedom, once
             in 950 with eight.
+        rival_share: share of what a difference gains that another may gain less and still be named beside it, since
+            no form is exact.
         further_change: share of what the first difference gains that another must gain at another joint; at the same
             joint it must gain as much, since what differs from the first one's form looks like one more effect there.
         by_run: effects that may differ from run to run of the baseline by themselves, such as where a cable hangs.
@@ -53,6 +57,7 @@ class Criteria:
     window_samples: int = 40
     rollout_windows: int = 4
     comparison_window: float = 0.4
+    comparison_mass_spread: float = 0.5
     mass_spread: float = 0.12
     zero_spread: float = 0.015
     view_spread: float = 0.03
@@ -75,6 +80,7 @@ class Criteria:
     residual_force: float = 15.0
     changed: float = 25.0
     by_run: int = 2
+    rival_share: float = 0.15
     further_change: float = 0.5
     unexplained_share: float = 0.1
     region: float = 0.9

@@ -19,7 +19,8 @@ from keycld_envs.systems import get_system
 from keycld_model.diagnosis import Report, diagnose
 from keycld_model.diagnosis.comparison.detectable import detectable
 from keycld_model.diagnosis.comparison.motion import Motion, inverse_dynamics
-from keycld_model.diagnosis.comparison.regressors import answer_of, force_of
+from keycld_model.diagnosis.comparison.regression import regression
+from keycld_model.diagnosis.comparison.regressors import answer_of, force_of, shared_terms
 from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.output.page import html_page
 
@@ -46,6 +47,13 @@ def viscous(t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray
 
 def dry(t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
     return -0.1 * np.eye(len(v))[-1] * np.tanh(v / 0.01)
+
+
+def vibrating(recording: Recording, number: int) -> Recording:
+    """What a mounting that gives way adds: 2 mrad at 9 Hz, at another time in each recording."""
+    t, rng = np.asarray(recording.t_state), np.random.default_rng(number)
+    shift = 2e-3 * np.sin(2 * np.pi * 9 * t[:, None] + rng.uniform(0, 2 * np.pi, recording.qpos.shape[1]))
+    return replace(recording, qpos=recording.qpos + shift, qvel=None)
 
 
 @pytest.mark.slow
@@ -199,10 +207,30 @@ def test_keycld_diagnose_with_a_baseline(tmp_path: Path, capsys: pytest.CaptureF
     assert main(["diagnose", today, "--baseline", baseline, "--env", "pendulum", "--out", str(out)]) == 10
     report = json.loads((out / "report.json").read_text())
     assert report["findings"][0]["effect"] == "coulomb_friction"
-    assert 0.5 < report["findings"][0]["confidence"] <= report["findings"][0]["family_confidence"] <= 1
+    finding = report["findings"][0]
+    assert 0.5 < finding["family_confidence"] <= 1
+    assert 0.5 < finding["confidence"] / finding["family_confidence"] <= 1  # it is dry friction, and of what kind
     assert (out / "report.html").is_file() and (out / "corrected.xml").is_file()
     assert main(["detectable", baseline, "--env", "pendulum", "--out", str(tmp_path / "least.html"), "--json"]) == 0
     rows = json.loads(capsys.readouterr().out.splitlines()[-1])["detectable"]
     assert {"coulomb_friction", "actuator_delay", "sensor_latency"} <= {row["effect"] for row in rows}
     assert (tmp_path / "least.html").is_file()
     assert main(["diagnose", today, "--baseline", str(tmp_path / "none"), "--env", "pendulum"]) == 2
+
+
+@pytest.mark.slow
+def test_a_vibration_takes_no_masses_away() -> None:
+    new, before = ([vibrating(r, i) for i, r in enumerate(some)] for some in sets("acrobot", viscous))
+    motion = Motion.of(before, get_system("acrobot").compile(), STANDARD)
+    terms = shared_terms(motion, STANDARD)
+    everywhere = np.ones(len(motion.windows), bool)
+    nothing = np.zeros((*motion.residual.shape, 0))
+    found, discrepancy = regression(motion, terms, nothing, everywhere)
+    values = found.solve(everywhere, nothing, np.zeros(0)).values
+    assert np.all(discrepancy.vibration * motion.problem.noise > 1e-3)
+    masses = [v for term, v in zip(terms, values, strict=True) if term.name.startswith("mass of")]
+    assert len(masses) == 2 and np.all(np.abs(masses) < 0.25)
+    report = diagnose(new, get_system("acrobot").compile(), baseline=before)
+    (finding,) = report.findings
+    assert (finding.effect, finding.where["name"]) == ("viscous_friction", "elbow")
+    assert finding.parameters["b"].value == pytest.approx(0.08, rel=0.2)

@@ -7,7 +7,7 @@ inertias, in coefficients of friction, in what motors do. No measured signal is 
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -25,8 +25,14 @@ from keycld_model.diagnosis.simulation.variant import Variant
 Array = NDArray[np.float64]
 FEWEST, MOST = 12, 40
 """Samples of a window."""
-PARTS = 16
-"""Parts of a window with a force of their own, at most."""
+SMOOTH = 0.13
+"""Time for which an unknown force is constant where the motion is followed, s.
+
+Mechanisms vibrate at some 10 Hz, in their links and in what they are mounted on. Followed as if it were a motion of the
+joints, a vibration needs forces in proportion to masses, and a regression would take the masses away.
+"""
+FINER = 5
+"""Parts in each of these, in which forces are averaged."""
 FINEST = 2e-4
 """Positions are followed no closer than this, rad or m: steps of the integrator are no better."""
 
@@ -77,10 +83,12 @@ class Motion:
         simulator = Simulator(bare, accurate_step(recordings), criteria=criteria)
         problem = Problem(simulator, cut(recordings, observation, simulator.step, samples))
         pinned = _Pinned.of(problem)
+        problem = pinned.problem
         (q, v, u), h = pinned.roll(), simulator.step
         middle_v = 1.5 * np.diff(q, axis=1) / h - (v[:, 1:] + v[:, :-1]) / 4
         middle_q = (q[:, 1:] + q[:, :-1]) / 2 - h / 8 * np.diff(v, axis=1)
         a, windows = np.diff(v, axis=1) / h, problem.windows
+        pinned.divide(FINER)
         residual, states, response = pinned.linearised()
         return cls(
             problem,
@@ -152,7 +160,7 @@ class _Pinned:
         """Fitted by damped Gauss-Newton steps, each window with a damping of its own."""
         windows, model = problem.windows, problem.simulator.model
         q, v = windows.initial_states()
-        parts = min(PARTS, windows.samples, windows.steps)
+        parts = max(1, round(windows.steps * windows.step / SMOOTH))
         fast = 60.0  # rad/s^2 or m/s^2, acceleration that unknown forces may well make
         out = cls(problem, q, v, np.zeros((len(q), parts, model.nv)), fast * np.maximum(model.dof_M0, 1e-9))
         damping = np.full(len(q), 1e-6)
@@ -160,7 +168,21 @@ class _Pinned:
             gained, damping = out._step(damping)
             if gained < 1.0:  # nats, in any window
                 break
-        return out
+        return out._finite()
+
+    def _finite(self) -> "_Pinned":
+        """Without windows in which numbers run away."""
+        here = self._residual(self.q[None], self.v[None], self.forces[None])[0]
+        rows = np.flatnonzero(np.isfinite(self._cost(here, self.forces)))
+        if len(rows) == len(self.q):
+            return self
+        return replace(self, problem=self.problem.take(rows), q=self.q[rows], v=self.v[rows], forces=self.forces[rows])
+
+    def divide(self, times: int) -> None:
+        """Divide each part of the windows, with the same forces."""
+        steps = self.problem.windows.steps
+        times = max(1, min(times, steps // self.forces.shape[1]))
+        self.forces = np.repeat(self.forces, times, axis=1)
 
     def _pushes(self, forces: Array) -> Array:
         return np.repeat(forces, np.diff(self.problem.windows.edges(forces.shape[1])), axis=1)

@@ -1,9 +1,10 @@
 """Regression of what a motion needs on what may explain it, when much of it is explained by nothing.
 
-What is left is taken for unknown forces, independent from part to part of a window, and noise of the sensors; their
-sizes are those under which the baseline is most likely (restricted maximum likelihood; Patterson and Thompson, 1971).
-Where a joint rests, dry friction may be any force up to its own, so that forces there count for less. Windows have
-Student's t distribution (Lange, Little and Taylor, 1989), since some fit far worse than others.
+What is left is taken for unknown forces, independent from part to part of a window, vibrations that last a while, and
+noise of the sensors; their sizes are those under which the baseline is most likely (restricted maximum likelihood;
+Patterson and Thompson, 1971). Where a joint rests, dry friction may be any force up to its own, so that forces there
+count for less. Windows have Student's t distribution (Lange, Little and Taylor, 1989), since some fit far worse than
+others.
 """
 
 from collections.abc import Sequence
@@ -53,12 +54,16 @@ class Discrepancy:
     Attributes:
         force: `[nv]` standard deviation of unknown forces, N m or N, in each part of a window.
         noise: `[nv]` of the sensors, over those of the motion.
+        vibration: `[nv]` of positions, over the noise of the motion: links and mountings give way.
+        lasting: time after which a vibration is another one, s.
         friction: `[nv]` dry friction, which may be any force where a joint rests, N m or N.
         more: `[W, nv]` the same beyond that in some windows.
     """
 
     force: Array
     noise: Array
+    vibration: Array
+    lasting: float
     friction: Array
     more: Array
 
@@ -79,6 +84,10 @@ class Discrepancy:
             out += scaled @ np.swapaxes(scaled, 1, 2)
         own = np.tile(self.noise**2, response.shape[1] // nv)
         out[:, np.arange(len(own)), np.arange(len(own))] += own
+        time = motion.windows.time[rows]
+        alike = np.exp(-np.abs(time[:, :, None] - time[:, None, :]) / self.lasting)
+        for j in range(nv):
+            out[:, j::nv, j::nv] += self.vibration[j] ** 2 * alike
         return out
 
 
@@ -169,7 +178,8 @@ def regression(motion: Motion, terms: Sequence[Term], others: Array, baseline: M
     """
     problem = _Restricted.of(motion, terms, baseline)
     usual = np.sqrt(np.mean(motion.required**2, axis=(0, 1)))
-    found = Discrepancy(0.1 * usual, np.ones(len(usual)), 0.3 * usual, np.zeros((len(baseline), len(usual))))
+    one, none = np.ones(len(usual)), np.zeros((len(baseline), len(usual)))
+    found = Discrepancy(0.1 * usual, one, one, 0.1, 0.3 * usual, none)
     dry = [(i, t.effect) for i, t in enumerate(terms) if t.effect is not None and t.effect.id == "coulomb_friction"]
     joints = [motion.model.joint(effect.where).id for _, effect in dry]
     for _ in range(3):
@@ -260,16 +270,19 @@ class _Restricted:
         least = self.motion.noise / self.motion.problem.noise
 
         def discrepancy(x: Array) -> Discrepancy:
-            return replace(start, force=np.exp(x[:nv]), noise=np.maximum(np.exp(x[nv:]), least))
+            force, noise, vibration = np.exp(x[:-1]).reshape(3, nv)
+            return replace(
+                start, force=force, noise=np.maximum(noise, least), vibration=vibration, lasting=float(np.exp(x[-1]))
+            )
 
-        middle = np.log(np.concatenate([start.force, start.noise]))
-        bounds = [(x - 5, x + 5) for x in middle[:nv]] + [(-1.0, 3.0)] * nv
+        middle = np.log(np.concatenate([start.force, start.noise, start.vibration, [start.lasting]]))
+        bounds = [(x - 5, x + 5) for x in middle[:nv]] + [(-1.0, 3.0)] * nv + [(-4.0, 6.0)] * nv + [(-5.0, 0.0)]
         found = minimize(
             lambda x: self._nats(discrepancy(x)),
             np.clip(middle, *np.transpose(bounds)),
             method="L-BFGS-B",
             bounds=bounds,
-            options={"maxiter": 8, "eps": 1e-3},
+            options={"maxiter": 12, "eps": 1e-3},
         )
         return discrepancy(found.x)
 

@@ -203,11 +203,11 @@ def _inertias(motion: Motion, criteria: Criteria) -> list[Term]:
             if np.any(numbers[rows]):
                 numbers[rows] *= 1 + DIFFERENCE
                 column = motion.answer(_more(motion, after))
-                out.append(Term(f"{name} of {model.body(body).name}", column, times * criteria.mass_spread))
+                out.append(Term(f"{name} of {model.body(body).name}", column, times * criteria.comparison_mass_spread))
     for dof in range(model.nv):
         force = np.where(np.arange(model.nv) == dof, -motion.a, 0.0)
         name = f"rotor at {model.joint(int(model.dof_jntid[dof])).name}"
-        out.append(Term(name, motion.answer(force), criteria.mass_spread * float(model.dof_M0[dof])))
+        out.append(Term(name, motion.answer(force), criteria.comparison_mass_spread * float(model.dof_M0[dof])))
     return out
 
 

@@ -154,10 +154,14 @@ class Selection:
         return sorted(possible, key=self._score, reverse=True)
 
     def _score(self, ranked: Ranked) -> float:
-        """Gain, every number paid for: what chance gains, or a share of the gain."""
+        """Gain, of which chance is paid, and each number: forms are idealised, so that more of them always gain."""
         gain = ranked.difference.gain
-        price = max(3.0 * ranked.chance / ranked.numbers, self.criteria.idealised_share * gain)
-        return gain - price * ranked.numbers
+        return gain - 3.0 * ranked.chance - self.criteria.idealised_share * gain * ranked.numbers
+
+    def _likelihood(self, ranked: Ranked, best: Ranked) -> float:
+        """Of a rival beside the best: forms are idealised, so that a small share of the gain tells nothing."""
+        tells = max(best.chance, self.criteria.idealised_share * best.difference.gain)
+        return float(np.exp((self._score(ranked) - self._score(best)) / tells))
 
     def _tested(self, present: Sequence[Column]) -> list[Ranked]:
         """The most promising candidates, fitted robustly, the best first."""
@@ -182,7 +186,8 @@ class Selection:
         fits = [self._refined(r, present) for r in near]
         contest, best = max(fits, key=lambda fit: self._score(fit[1]))
         rest = [r for _, r in fits if r is not best] + [r for r in ranked if r not in near]
-        weight = {id(r): float(np.exp((self._score(r) - self._score(best)) / max(best.chance, 1.0))) for r in rest}
+        weight = {id(r): self._likelihood(r, best) for r in rest}
+        least = (1 - self.criteria.rival_share) * self._score(best)
         difference = best.difference
         p = contest.regression.shared.shape[2]
         columns = [Column(p + i, frozenset(contest.new), 0.0) for i in difference.candidate.of_difference]
@@ -191,7 +196,7 @@ class Selection:
             _present(difference),
             self._deviations(best),
             best,
-            tuple((r, weight[id(r)]) for r in rest if weight[id(r)] > np.exp(-self.criteria.rival)),
+            tuple((r, weight[id(r)]) for r in rest if self._score(r) > least),
             self._held_out(contest, difference.candidate, present),
             tuple(columns),
         )

@@ -34,5 +34,5 @@ GATE = ConcealedGate(
     ),
     cases=100,
     nulls=0.3,
-    seed=1,
+    seed=2,
 )
