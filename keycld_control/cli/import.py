@@ -1,24 +1,30 @@
-"""Make a recording of a CSV or MATLAB file."""
+"""Make a recording of a CSV, JSON or MATLAB file."""
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional, UseAppendAction
 
 from keycld_control.cli._output import print_result
 
+if TYPE_CHECKING:
+    from keycld_envs.recordings.importers import Table
+
 
 @dataclass(frozen=True)
 class Args:
-    """Make a recording of a CSV or MATLAB file: say which column is what.
+    """Make a recording of a CSV, JSON or MATLAB file: say which column is what.
 
     For instance: keycld import log.csv --out data/log --time t --joint hinge=angle --action motor=torque
 
     Attributes:
-        file: CSV file with a header, or MATLAB file (.mat) up to version 7.
+        file: CSV file with a header, JSON log (.json, .jsonl), MATLAB file (.mat) up to version 7, or file of EPOS
+            Studio's recorder.
         out: Folder to create.
         time: Column of the clock.
-        joint: Column of each joint's position, as JOINT=COLUMN, once for each joint, in the simulator's order.
+        joint: Column of each joint's position, as JOINT=COLUMN, once for each joint, in the simulator's order; a speed,
+            by its unit, is added up.
         velocity: Column of each joint's measured velocity, as JOINT=COLUMN.
         action: Column of each actuator's command, as ACTUATOR=COLUMN.
         action_time: Column of the actions' clock, if they have their own.
@@ -56,19 +62,16 @@ def run(args: Args) -> None:
     from keycld_control.cli._pairs import pairs
     from keycld_envs import resolve_env_id
     from keycld_envs.recordings import write_recording
-    from keycld_envs.recordings.importers import Columns, assemble, read_csv, read_mat
+    from keycld_envs.recordings.importers import Columns, assemble
 
-    if args.file.suffix.lower() == ".mat":
-        table = read_mat(args.file)
-    else:
-        table = read_csv(args.file, args.columns or None, drop_truncated_end=args.drop_truncated_end)
+    table, known = _read(args)
     columns = Columns(
         args.time,
         pairs("--joint", args.joint),
         pairs("--velocity", args.velocity),
         pairs("--action", args.action),
         args.action_time,
-        pairs("--unit", args.unit),
+        known | pairs("--unit", args.unit),
         args.hold,
     )
     system = None if args.system is None else resolve_env_id(args.system)
@@ -84,3 +87,17 @@ def run(args: Args) -> None:
         "actuators": recording.actuator_names,
     }
     print_result(result, as_json=args.json)
+
+
+def _read(args: Args) -> tuple["Table", dict[str, str]]:
+    """The table of a file, and what units it tells of itself."""
+    from keycld_envs.recordings.importers import is_epos, read_csv, read_epos, read_json_log, read_mat
+
+    suffix = args.file.suffix.lower()
+    if suffix == ".mat":
+        return read_mat(args.file), {}
+    if suffix in (".json", ".jsonl"):
+        return read_json_log(args.file), {}
+    if is_epos(args.file):
+        return read_epos(args.file)
+    return read_csv(args.file, args.columns or None, drop_truncated_end=args.drop_truncated_end), {}

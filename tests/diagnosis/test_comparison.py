@@ -51,6 +51,7 @@ def dry(t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 def vibrating(recording: Recording, number: int) -> Recording:
     """What a mounting that gives way adds: 2 mrad at 9 Hz, at another time in each recording."""
+    assert recording.qpos is not None
     t, rng = np.asarray(recording.t_state), np.random.default_rng(number)
     shift = 2e-3 * np.sin(2 * np.pi * 9 * t[:, None] + rng.uniform(0, 2 * np.pi, recording.qpos.shape[1]))
     return replace(recording, qpos=recording.qpos + shift, qvel=None)

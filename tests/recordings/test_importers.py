@@ -11,7 +11,7 @@ from scipy import io
 from keycld_control.cli import main
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import read_recording
-from keycld_envs.recordings.importers import Columns, Table, assemble, read_csv, read_mat
+from keycld_envs.recordings.importers import Columns, Table, assemble, read_csv, read_json_log, read_mat
 
 COLUMNS = Columns("t", {"hinge": "angle"}, {"hinge": "speed"}, {"motor": "torque"})
 
@@ -180,3 +180,83 @@ def test_the_command_writes_a_recording_or_one_sentence(tmp_path: Path, capsys: 
     assert "acrobot" in capsys.readouterr().err
     assert main([*words, "--hold", "--joint", "elbow"]) == 2
     assert "--joint 'elbow' is not NAME=COLUMN" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        '{"kp": 4, "rows": [{"t": 0, "m": {"q": 1}, "on": true}, {"t": 0.5, "m": {"q": 2}, "on": false, "mode": "x"}]}',
+        '[{"t": 0, "m": {"q": 1}, "on": 1, "kp": 4}, {"t": 0.5, "m": {"q": 2}, "on": 0, "kp": 4.0}]',
+        '{"t": 0, "m": {"q": 1}, "on": 1, "kp": 4}\n{"t": 0.5, "m": {"q": 2}, "on": 0, "kp": 4}\n',
+        '{"t": [0, 0.5], "m.q": [1, 2], "on": [true, false], "kp": 4}',
+    ],
+)
+def test_json_logs_of_any_form(tmp_path: Path, content: str) -> None:
+    (tmp_path / "log.json").write_text(content)
+    table = read_json_log(tmp_path / "log.json")
+    assert set(table.columns) == {"t", "m.q", "on", "kp"}
+    for name, values in {"t": [0, 0.5], "m.q": [1, 2], "on": [1, 0], "kp": [4, 4]}.items():
+        np.testing.assert_array_equal(table.column(name), values)
+
+
+def test_what_a_sample_lacks_is_nan_and_lists_have_indices(tmp_path: Path) -> None:
+    (tmp_path / "log.json").write_text('[{"t": 0, "q": [1, 2]}, {"t": 1}, {"t": 2, "q": [3, null]}]')
+    table = read_json_log(tmp_path / "log.json")
+    np.testing.assert_array_equal(table.column("q[0]"), [1, np.nan, 3])
+    np.testing.assert_array_equal(table.column("q[1]"), [2, np.nan, np.nan])
+
+
+@pytest.mark.parametrize(
+    "content, message",
+    [
+        ("", "cannot be read as a log"),
+        ('{"t": [0, 1', "cannot be read as a log"),
+        ("3", "neither an object nor a list"),
+        ("[]", "holds no samples"),
+        ('{"kp": 4}', "holds no samples"),
+        ("[1, 2]", "sample 0 is no object"),
+        ('{"a": [{"t": 0}], "b": [{"t": 0}]}', "two lists of samples, 'a' and 'b'"),
+        ('{"t": [1' + "0" * 400 + "]}", "a number is too large"),
+        ("[" * 100_000, "nested too deeply"),
+    ],
+)
+def test_json_that_is_no_log_is_refused(tmp_path: Path, content: str, message: str) -> None:
+    (tmp_path / "log.json").write_text(content)
+    with pytest.raises(InputError, match=rf"log.json .*{message}"):
+        read_json_log(tmp_path / "log.json")
+
+
+EPOS = '''Date:;2020-07-08 22:13:00\r
+EPOS Studio Version:;3.6.1.0\r
+Sampling period:;500.000\r
+"Trigger:;0;0.000000;""Parameter values"";""Channel 1"";""Rising above value"""\r
+;Velocity actual value averaged;Torque actual value averaged\r
+ms;rpm;%\r
+0.000;0;0.0\r
+500.000;60;12.5\r
+1000.000;60;-12.5\r
+'''
+
+
+def test_epos_tells_its_units_and_a_speed_is_added_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "drive.csv").write_bytes(EPOS.encode())
+    speed = "screw=Velocity actual value averaged"
+    words = ["--time", "time", "--joint", speed, "--velocity", speed, "--action", "m=Torque actual value averaged"]
+    assert main(["import", str(tmp_path / "drive.csv"), "--out", str(tmp_path / "out"), *words, "--json"]) == 0
+    recording = read_recording(tmp_path / "out")
+    assert recording.units == {"qpos": ("rad",), "qvel": ("rad/s",), "action": ("1",)}
+    assert recording.t_state is not None and recording.qvel is not None
+    assert recording.qpos is not None and recording.action is not None
+    np.testing.assert_allclose(recording.t_state, [0, 0.5, 1])
+    np.testing.assert_allclose(recording.qvel[:, 0], [0, 2 * np.pi, 2 * np.pi])
+    np.testing.assert_allclose(recording.qpos[:, 0], [0, np.pi / 2, 3 * np.pi / 2])
+    np.testing.assert_allclose(recording.action[:, 0], [0, 0.125, -0.125])
+    (tmp_path / "drive.csv").write_bytes(EPOS.replace("ms;rpm;%", "x;y;z").encode())
+    assert main(["import", str(tmp_path / "drive.csv"), "--out", str(tmp_path / "no"), *words]) == 2
+    assert "no line of units" in capsys.readouterr().err
+
+
+def test_a_speed_with_gaps_is_not_added_up() -> None:
+    table = Table(Path("log.csv"), {"t": np.arange(3.0), "v": np.array([1, np.nan, 1])}, (2, 3, 4))
+    with pytest.raises(InputError, match=r"log.csv, line 3: a speed is missing"):
+        assemble(table, Columns("t", {"hinge": "v"}, units={"v": "rpm"}), "id")

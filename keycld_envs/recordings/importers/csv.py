@@ -23,7 +23,11 @@ LONGEST_LINE = 1 << 24
 
 
 def read_csv(
-    path: str | os.PathLike[str], names: Sequence[str] | None = None, *, drop_truncated_end: bool = False
+    path: str | os.PathLike[str],
+    names: Sequence[str] | None = None,
+    *,
+    drop_truncated_end: bool = False,
+    skip: int = 0,
 ) -> Table:
     """Read a table of numbers from a text file.
 
@@ -34,6 +38,7 @@ def read_csv(
         path: the file.
         names: of the columns, for a file without a header; by default the first line names them.
         drop_truncated_end: leave out a last line with too few cells, as a killed logger leaves it.
+        skip: lines before the table, which are anything.
 
     Returns:
         All columns; cells that are empty or NaN are NaN.
@@ -45,7 +50,7 @@ def read_csv(
     path = Path(path)
     try:
         with open(check_file(path), encoding="utf-8-sig") as file:
-            return _table(path, file, names, drop_truncated_end)
+            return _table(path, file, names, drop_truncated_end, skip)
     except InputError:
         raise
     except FileNotFoundError as error:
@@ -54,8 +59,8 @@ def read_csv(
         raise InputError(f"{path} cannot be read as UTF-8 text ({error}); name a CSV file.") from error
 
 
-def _table(path: Path, file: TextIO, names: Sequence[str] | None, drop_truncated_end: bool) -> Table:
-    rows = _rows(file)
+def _table(path: Path, file: TextIO, names: Sequence[str] | None, drop_truncated_end: bool, skip: int) -> Table:
+    rows = _rows(file, skip)
     header = next(rows, None)
     if header is None:
         raise InputError(f"{path} is empty; name a file with a header and rows of numbers.")
@@ -82,9 +87,9 @@ def _table(path: Path, file: TextIO, names: Sequence[str] | None, drop_truncated
     return Table(path, {name: table[:, j].copy() for j, name in enumerate(names)}, np.frombuffer(lines, np.int64))
 
 
-def _rows(file: TextIO) -> Iterator[tuple[int, list[str]]]:
-    """Line numbers, and the cells of each line that is neither empty nor a comment."""
-    lines = ((i, line) for i, line in _lines(file) if line.strip() and not line.startswith("#"))
+def _rows(file: TextIO, skip: int) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers, and the cells of each line after some that is neither empty nor a comment."""
+    lines = ((i, line) for i, line in _lines(file) if i > skip and line.strip() and not line.startswith("#"))
     first = next(lines, None)
     if first is None:
         return

@@ -21,14 +21,16 @@ UNITS = {
     "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
     "N m": {"N m": 1.0, "mN m": 1e-3},
     "N": {"N": 1.0},
-    "1": {"1": 1.0},
+    "1": {"1": 1.0, "%": 1e-2},
     "V": {"V": 1.0},
     "A": {"A": 1.0, "mA": 1e-3},
 }
 """By the unit that recordings have: those of the same kind, and what each is worth in it."""
 FACTORS = {unit: factor for units in UNITS.values() for unit, factor in units.items()}
 BASE = {unit: base for base, units in UNITS.items() for unit in units}
-POSITIONS, COMMANDS = ("rad", "m"), ("N m", "N", "1", "V", "A", "rad", "m", "rad/s", "m/s")
+INTEGRALS = {"rad/s": "rad", "m/s": "m"}
+"""Units of speeds, and of the positions that they add up to."""
+POSITIONS, COMMANDS = ("rad", "m", *INTEGRALS), ("N m", "N", "1", "V", "A", "rad", "m", "rad/s", "m/s")
 """What joints and actuators may have."""
 TURN = 2 * np.pi * 1.01
 """Range of angles that were wrapped to one turn, rad, with a little noise."""
@@ -42,7 +44,8 @@ class Columns:
 
     Attributes:
         time: clock of joints and, unless it has its own, of actions.
-        joints: columns of positions by joint, in the simulator's order.
+        joints: columns of positions by joint, in the simulator's order; one of speeds is added up, from zero on, which
+            is known by its unit.
         velocities: columns of measured velocities by joint; all joints or none.
         actions: columns of commands by actuator.
         action_time: clock of the actions.
@@ -118,13 +121,15 @@ def _signals(table: Table, columns: Columns) -> tuple[dict[str, Any], dict[str, 
     """Clocks, positions, velocities and actions as a recording has them, and their units."""
     clock = _clock(table, columns.time, columns.units)
     action_clock = clock if columns.action_time is None else _clock(table, columns.action_time, columns.units)
-    units: dict[str, tuple[str, ...]] = {"qpos": _units(columns.joints, columns.units, "rad")}
-    signals: dict[str, Any] = {
-        "t_state": clock,
-        "qpos": _signal(table, columns.joints, columns.units, columns.time, clock),
-    }
+    measured = _units(columns.joints, columns.units, "rad")
+    positions = _signal(table, columns.joints, columns.units, columns.time, clock)
+    for j, unit in enumerate(measured):
+        if unit in INTEGRALS:
+            positions[:, j] = _added_up(table, clock, positions[:, j])
+    units: dict[str, tuple[str, ...]] = {"qpos": tuple(INTEGRALS.get(unit, unit) for unit in measured)}
+    signals: dict[str, Any] = {"t_state": clock, "qpos": positions}
     for j, (unit, column) in enumerate(zip(units["qpos"], columns.joints.values(), strict=True)):
-        if unit == "rad":
+        if unit == "rad" and measured[j] not in INTEGRALS:
             if column not in columns.units:
                 _check_radians(table, column, signals["qpos"][:, j])
             signals["qpos"][:, j] = unwrap(signals["qpos"][:, j])
@@ -138,6 +143,14 @@ def _signals(table: Table, columns: Columns) -> tuple[dict[str, Any], dict[str, 
         action = _signal(table, columns.actions, columns.units, name, action_clock)
         signals |= {"t_action": action_clock, "action": _complete(table, columns, action)}
     return signals, units
+
+
+def _added_up(table: Table, clock: Array, speed: Array) -> Array:
+    """The position that a speed leads to, from zero on (trapezoidal rule)."""
+    if np.isnan(speed).any():
+        row = table.row(int(np.isnan(speed).argmax()))
+        raise InputError(f"{table.path}, {row}: a speed is missing, so that it cannot be added up; enter it.")
+    return np.concatenate([[0.0], np.cumsum(np.diff(clock) * (speed[1:] + speed[:-1]) / 2)])
 
 
 def unwrap(angle: Array) -> Array:
@@ -187,6 +200,7 @@ def _check_units(table: Table, columns: Columns) -> None:
     wanted += [(name, POSITIONS, "a joint's position") for name in columns.joints.values()]
     for joint, name in columns.velocities.items():
         base = _unit(columns.units.get(columns.joints[joint], "rad"))
+        base = INTEGRALS.get(base, base)
         wanted.append((name, (f"{base}/s",), f"the velocity of a joint in {base}"))
     wanted += [(name, COMMANDS, "a command") for name in columns.actions.values()]
     for name, bases, what in wanted:
