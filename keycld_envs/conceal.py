@@ -109,7 +109,9 @@ def _in_commands(recording: Recording, model: mujoco.MjModel, effect: ActuatorEf
 
 def _inverse(effect: ActuatorEffect, u: Array) -> Array:
     """Commands for which a motor that answers at once gives u `[T]`, found on the curve of what it gives."""
-    most = float(np.max(np.abs(u))) or 1.0
+    if not u.any():
+        return u.copy()  # a motor that is told nothing gives nothing
+    most = float(np.max(np.abs(u)))
     tried = np.linspace(-20 * most, 20 * most, 400_001)
     given = effect.motor(tried, 1.0)
     low, high = np.searchsorted(given, u, "left"), np.searchsorted(given, u, "right")

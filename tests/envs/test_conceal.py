@@ -129,6 +129,17 @@ def test_what_no_command_can_conceal_is_refused(effect):
         conceal(recorded(), mujoco.MjModel.from_xml_string(ARM), effect)
 
 
+def test_in_commands_that_are_zero_nothing_is_concealed():
+    recording = recorded()
+    assert recording.action is not None
+    still = replace(recording, action=np.zeros_like(recording.action))
+    model = mujoco.MjModel.from_xml_string(ARM)
+    for delta in (0.1, 30.0):
+        concealed = conceal(still, model, e.ActuatorDeadZone("second", delta=delta))
+        assert concealed.recording.action is not None
+        assert not concealed.hidden.any() and not concealed.recording.action.any()
+
+
 def test_joints_without_motors_are_refused():
     xml = ARM.replace('<motor name="first" joint="shoulder" gear="2"/>', "")
     model, recording = mujoco.MjModel.from_xml_string(xml), recorded()
