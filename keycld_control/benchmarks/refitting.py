@@ -19,9 +19,9 @@ from keycld_model.diagnosis.estimation.point import Point
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.inputs import checks, prepare
 from keycld_model.diagnosis.inputs.checks import check_apart
+from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.inputs.prepare import accurate_step, spacing, thin
 from keycld_model.diagnosis.inputs.windows import average_commands, cut
-from keycld_model.diagnosis.observation import JointPositions
 from keycld_model.diagnosis.search.effort import EFFORT
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.simulation.variant import Variant

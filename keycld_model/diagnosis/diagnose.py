@@ -14,9 +14,9 @@ from keycld_model.diagnosis.comparison.outcome import report_of
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.estimation.replay import error_unit, rollout_error
 from keycld_model.diagnosis.inputs.checks import check, check_apart
+from keycld_model.diagnosis.inputs.observation import JointPositions, Observation
 from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, split
 from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.diagnosis.observation import JointPositions, Observation
 from keycld_model.diagnosis.output.words import headline
 from keycld_model.diagnosis.search.criterion import Scored
 from keycld_model.diagnosis.search.explain import Explanation, explain_either, refit, refit_accurately

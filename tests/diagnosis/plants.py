@@ -8,8 +8,8 @@ import numpy as np
 from keycld_envs.recordings import Recording
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.estimation.problem import Problem
+from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.inputs.windows import Windows, cut
-from keycld_model.diagnosis.observation import JointPositions
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
 STEP, SAMPLE = 0.001, 0.01

@@ -10,8 +10,8 @@ from plants import recordings
 from keycld_model.diagnosis import Source, diagnose, write_corrected
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.problem import Problem
+from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.diagnosis.observation import JointPositions
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
 CRANK = """

@@ -8,7 +8,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.estimation.fit import Fit
-from keycld_model.diagnosis.observation import JointPositions
+from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.decide import Conclusion, doubted
 from keycld_model.diagnosis.verdict.dropped import Dropped

@@ -15,7 +15,7 @@ from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
 from keycld_model.diagnosis import Source, diagnose
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.inputs.checks import check
-from keycld_model.diagnosis.observation import JointPositions
+from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.output.words import in_sentence
 from keycld_model.diagnosis.search.explain import coarseness
 from keycld_model.diagnosis.simulation.simulator import Simulator

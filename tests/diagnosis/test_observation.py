@@ -11,9 +11,9 @@ from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.problem import Problem
+from keycld_model.diagnosis.inputs.observation import JointPositions, Nuisance, Observation
+from keycld_model.diagnosis.inputs.observation.noise import estimate_noise
 from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.diagnosis.observation import JointPositions, Nuisance, Observation
-from keycld_model.diagnosis.observation.noise import estimate_noise
 from keycld_model.diagnosis.output.page import html_page
 from keycld_model.diagnosis.simulation.simulator import Simulator
 

@@ -17,8 +17,8 @@ from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.replay import mean_square, rollout_error
 from keycld_model.diagnosis.inputs.checks import check
+from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.inputs.prepare import ready, split
-from keycld_model.diagnosis.observation import JointPositions
 from keycld_model.diagnosis.simulation.contacts import without_contacts
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.simulation.variant import Variant

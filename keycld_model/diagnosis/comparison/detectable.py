@@ -16,7 +16,7 @@ from keycld_model.diagnosis.comparison.regressors import force_of, shared_terms
 from keycld_model.diagnosis.comparison.selection import between_runs
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.inputs.checks import check
-from keycld_model.diagnosis.observation import JointPositions
+from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.simulation.contacts import without_contacts
 
 

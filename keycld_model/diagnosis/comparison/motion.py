@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.problem import Problem
+from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, spacing, thin
 from keycld_model.diagnosis.inputs.windows import Windows, cut
-from keycld_model.diagnosis.observation import JointPositions
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.simulation.variant import Variant
 

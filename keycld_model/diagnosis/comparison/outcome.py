@@ -21,7 +21,7 @@ from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.estimation.replay import error_unit, replay, rollout_error
-from keycld_model.diagnosis.observation import JointPositions
+from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.output.words import changed_headline
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.evidence import evidence

@@ -12,8 +12,8 @@ from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.linearisation import Linearisation, huber
 from keycld_model.diagnosis.estimation.parameters import effect_parameters, with_parameter
 from keycld_model.diagnosis.estimation.point import Point
+from keycld_model.diagnosis.inputs.observation import Nuisance
 from keycld_model.diagnosis.inputs.windows import Windows
-from keycld_model.diagnosis.observation import Nuisance
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.simulation.variant import Variant, recording_spreads
 

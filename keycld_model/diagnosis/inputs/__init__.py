@@ -1,1 +1,1 @@
-"""Recordings, checked, and cut into windows with noise and clocks known."""
+"""Recordings, checked and cut into windows, and what a sensor shows of a motion."""

@@ -7,8 +7,8 @@ import numpy as np
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.inputs.observation import Observation
 from keycld_model.diagnosis.inputs.source import unnamed
-from keycld_model.diagnosis.observation import Observation
 
 
 def check(recordings: Sequence[Recording], model: mujoco.MjModel, observation: Observation, samples: int) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.observation import Observation
+from keycld_model.diagnosis.inputs.observation import Observation
 
 CLOSEST = 0.009
 """Seconds between samples, at least; of faster recordings only some samples are used."""

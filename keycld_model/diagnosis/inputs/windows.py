@@ -9,7 +9,7 @@ from scipy.signal import savgol_filter
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.observation.protocol import Observation
+from keycld_model.diagnosis.inputs.observation.protocol import Observation
 
 Array = NDArray[np.float64]
 

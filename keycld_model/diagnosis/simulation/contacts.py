@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.observation import Observation
+from keycld_model.diagnosis.inputs.observation import Observation
 from keycld_model.rigid_body.tree import may_collide
 
 

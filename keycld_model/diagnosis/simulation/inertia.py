@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
-from keycld_model.diagnosis.observation import Nuisance
+from keycld_model.diagnosis.inputs.observation import Nuisance
 from keycld_model.rigid_body.equality import anchors, bodies, connections
 
 

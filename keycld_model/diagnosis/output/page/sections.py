@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from keycld_envs.effects import Effect, effect_class
-from keycld_model.diagnosis.observation.nuisance import FACTOR_UNIT
+from keycld_model.diagnosis.inputs.observation.nuisance import FACTOR_UNIT
 from keycld_model.diagnosis.output.native import native
 from keycld_model.diagnosis.output.page.elements import markup
 from keycld_model.diagnosis.output.page.mathml import mathml

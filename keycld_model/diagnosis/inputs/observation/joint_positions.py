@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
-from keycld_model.diagnosis.observation.checks import check_positions
-from keycld_model.diagnosis.observation.noise import estimate_noise
-from keycld_model.diagnosis.observation.nuisance import Nuisance
+from keycld_model.diagnosis.inputs.observation.checks import check_positions
+from keycld_model.diagnosis.inputs.observation.noise import estimate_noise
+from keycld_model.diagnosis.inputs.observation.nuisance import Nuisance
 
 Array = NDArray[np.float64]
 UNITS = {

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.observation.nuisance import Nuisance
+from keycld_model.diagnosis.inputs.observation.nuisance import Nuisance
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,0 @@
-"""What a sensor shows of a motion: one kind of observation per file, all of one protocol."""
-
-from keycld_model.diagnosis.observation.joint_positions import JointPositions
-from keycld_model.diagnosis.observation.nuisance import Nuisance
-from keycld_model.diagnosis.observation.protocol import Observation
-
-__all__ = ["JointPositions", "Nuisance", "Observation"]
