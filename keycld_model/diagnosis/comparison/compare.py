@@ -20,7 +20,7 @@ from keycld_model.diagnosis.criteria import Criteria
 
 Array = NDArray[np.float64]
 RIGHT = 0.84
-"""Share of first findings that were right on recordings of other people, by Laplace's rule: 47 of 55 (docs/real-data.md)."""
+"""Share of first findings that were right on real recordings, by Laplace's rule: 47 of 55 (docs/real-data.md)."""
 
 
 @dataclass(frozen=True)
