@@ -28,6 +28,7 @@ class Args:
         baseline: Folder of recordings of the same mechanism from before, at least two; findings are what changed since.
         held_out: Folder of recordings to test findings on; by default a third of the recordings is held out.
         out: Folder for report.json, report.html (the same for people), and corrected.xml (the corrected simulator).
+        budget: Seconds after which the best so far is reported, with what was not tried; by default all is tried.
         tracked: Positions were read off images of a camera; its errors (a view askew, a rolling shutter) are refitted.
         json: Print the report as one JSON object.
     """
@@ -38,6 +39,7 @@ class Args:
     baseline: Path | None = None
     held_out: Path | None = None
     out: Path | None = None
+    budget: float | None = None
     tracked: bool = False
     json: bool = False
 
@@ -63,7 +65,7 @@ def run(args: Args) -> int:
     source = Source.of(args.mjcf, args.env or recordings[0].system)
     if args.out is not None:
         args.out.mkdir(parents=True, exist_ok=True)
-    report = diagnose(recordings, source.model, held_out, args.tracked, baseline=baseline)
+    report = diagnose(recordings, source.model, held_out, args.tracked, baseline=baseline, budget=args.budget)
     if args.out is not None:
         write_json(args.out / "report.json", report.to_dict())
         corrected = None
@@ -76,6 +78,8 @@ def run(args: Args) -> int:
         write_page(report, args.out / "report.html", source.environment, corrected)
     for line in report.details.get("dropped", ()):
         print(f"keycld: left out, because numbers ran away: {line}", file=sys.stderr)
+    if not_tried := report.details.get("not_tried"):
+        print(f"keycld: after {args.budget:g} s, not tried: {', '.join(map(str, not_tried))}", file=sys.stderr)
     if args.json:
         print_result(report.to_dict(), as_json=True)
     else:

@@ -18,6 +18,7 @@ from keycld_model.diagnosis.inputs.observation import JointPositions, Observatio
 from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, split
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.output.words import headline
+from keycld_model.diagnosis.search.budget import Budget
 from keycld_model.diagnosis.search.criterion import Scored
 from keycld_model.diagnosis.search.explain import Explanation, explain_either, refit, refit_accurately
 from keycld_model.diagnosis.simulation.contacts import without_contacts
@@ -52,6 +53,7 @@ def diagnose(
     observation: Observation | None = None,
     criteria: Criteria = STANDARD,
     baseline: Sequence[Recording] = (),
+    budget: float | None = None,
 ) -> Report:
     """Find physics that a simulator lacks.
 
@@ -65,19 +67,22 @@ def diagnose(
         criteria: thresholds and priors.
         baseline: recordings of the same mechanism from before, at least two. Findings are then what changed since, and
             what nobody modelled, which is in both, does no harm.
+        budget: seconds after which the search ends with the best it has, at its next set of effects; `details` then
+            has what was not tried.
 
     Returns:
         The report.
 
     Raises:
         InputError: if there are both `tracked` and `observation`, if the recordings do not suit the model, or nothing
-            can be learned from them.
+            can be learned from them; if the budget is no positive number.
     """
+    spending = Budget(budget)
     if baseline:
-        if held_out or tracked or observation is not None:
+        if held_out or tracked or observation is not None or budget is not None:
             raise InputError(
-                "A baseline is compared by positions of encoders, and parts of the recordings are held out by "
-                "themselves; leave out held_out, tracked and observation."
+                "A baseline is compared by positions of encoders, without a search, and parts of the recordings are "
+                "held out by themselves; leave out held_out, tracked, observation and budget."
             )
         return _changed(recordings, baseline, model, criteria)
     if tracked and observation is not None:
@@ -88,9 +93,9 @@ def diagnose(
     observation = observation.calibrated(training)
     bare = without_contacts(model, [*training, *test], observation)
     with progress("Diagnosing", total=100) as advance:
-        explained = _explained(bare, training, observation, criteria, advance)
-        report = _report(model, explained, test, advance)
-    return replace(report, details={**report.details, "tracked": tracked})
+        explained = _explained(bare, training, observation, criteria, spending, advance)
+        report = _report(model, explained, test, spending, advance)
+    return replace(report, details={**report.details, "not_tried": spending.not_tried, "tracked": tracked})
 
 
 def _changed(
@@ -106,11 +111,15 @@ def _changed(
 
 
 def _report(
-    model: mujoco.MjModel, explained: Explanation, test: Sequence[Recording], advance: Callable[..., None]
+    model: mujoco.MjModel,
+    explained: Explanation,
+    test: Sequence[Recording],
+    budget: Budget,
+    advance: Callable[..., None],
 ) -> Report:
     """What held-out recordings say of what explains the others."""
     refitted, dropped = explained.refitted, Dropped()
-    rivals = Rivals.of(explained, dropped)
+    rivals = Rivals.of(explained, dropped, budget)
     found = [*findings_of(explained.best, rivals, explained.search), *pulses_of(explained.on_all_windows)]
     advance(10, "testing on held-out recordings")
     tested = HeldOut.of(test, refitted)
@@ -118,11 +127,15 @@ def _report(
     named = decide_on_named(explained, found, before, tested)
     left = unexplained_of(before, named.tested)
     advance(5, "fitting a residual force")
-    decided = dropped.tried("residual force", lambda: decide_on_residual(named, explained, tested, left))
+    decided = None
+    if not budget.leaves_out("a residual force"):
+        decided = dropped.tried("residual force", lambda: decide_on_residual(named, explained, tested, left))
     advance(10, "proposing the next recording")
     concluded, rollouts = never_worse(decided or doubted(named, left), explained, tested)
     nothing = named.verdict == "undetermined"
-    proposed = rivals.next_experiment(tested.samples, nothing) if named.findings else None
+    proposed = None
+    if named.findings and not budget.leaves_out("the next recording"):
+        proposed = rivals.next_experiment(tested.samples, nothing)
     advance(5)
     errors = _errors(concluded, rollouts, tested)
     return Report(
@@ -160,6 +173,7 @@ def _explained(
     training: Sequence[Recording],
     observation: Observation,
     criteria: Criteria,
+    budget: Budget,
     advance: Callable[..., None],
 ) -> Explanation:
     """What training recordings say, with an accurate integrator or with the model's own."""
@@ -169,18 +183,18 @@ def _explained(
     accurate = refit_accurately(simulator, windows)
     own = refit(Simulator(model, criteria=criteria), windows)
     advance(10, "searching")
-    sets = _Sets(advance, total=60)
-    explained = explain_either(accurate, own, sets.refined)
+    sets = _Sets(advance, budget, total=60)
+    explained = explain_either(accurate, own, sets.refined, budget)
     sets.done()
     return explained
 
 
 class _Sets:
-    """Counts sets of effects that were refined, towards a usual number of them."""
+    """Counts sets of effects that were refined, towards a usual number of them, within a budget."""
 
-    def __init__(self, advance: Callable[..., None], total: int) -> None:
+    def __init__(self, advance: Callable[..., None], budget: Budget, total: int) -> None:
         """With the steps of the bar that the search takes in all."""
-        self._advance, self._left, self._number = advance, total, 0
+        self._advance, self._budget, self._left, self._number, self._done = advance, budget, total, 0, False
 
     def refined(self, scored: Scored) -> None:
         """Show one more set."""
@@ -189,9 +203,12 @@ class _Sets:
         self._left -= steps
         names = " + ".join(f"{e.id} at {e.where}" for e in scored.fit.effects) or "nothing"
         self._advance(steps, f"searching: set {self._number}, {names}")
+        if not self._done:
+            self._budget.check(self._number)
 
     def done(self) -> None:
-        """Show the search as done."""
+        """Show the search as done; what follows is not ended."""
+        self._done = True
         self._advance(self._left, "looking for rivals")
 
 

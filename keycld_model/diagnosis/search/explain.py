@@ -15,6 +15,7 @@ from keycld_model.diagnosis.estimation.pulses import concentrated, contaminated,
 from keycld_model.diagnosis.estimation.replay import replay
 from keycld_model.diagnosis.inputs.windows import Windows
 from keycld_model.diagnosis.search.alternatives import confusable_sets
+from keycld_model.diagnosis.search.budget import Budget, OutOfTime
 from keycld_model.diagnosis.search.criterion import Scored, above_noise, dispersion, penalty
 from keycld_model.diagnosis.search.effort import EFFORT
 from keycld_model.diagnosis.search.residual_fit import fit_residual_force
@@ -79,15 +80,21 @@ def refit_accurately(simulator: Simulator, windows: Windows) -> Fit:
     return refitted
 
 
-def explain_either(accurate: Fit, own: Fit, refined: Refined) -> Explanation:
+def explain_either(accurate: Fit, own: Fit, refined: Refined, budget: Budget) -> Explanation:
     """With the integrator that is right: an accurate one for nature, the model's own for a simulation of itself.
 
     The own one is tried first where it leaves less than half of the misfit.
+
+    Args:
+        accurate: nuisances fitted with an accurate integrator.
+        own: with the model's.
+        refined: called with every set that was refined; raises OutOfTime when there is no time for more.
+        budget: of seconds.
     """
     first, second = (own, accurate) if own.excess < 0.5 * accurate.excess else (accurate, own)
     explained = explain(first, refined)
     best = explained.best.fit
-    if best.point.variant.pulses:
+    if best.point.variant.pulses or budget.leaves_out("the other integrator"):
         return explained
     other = min(second.cost, minimise(second.problem, second.point.with_effects(*best.effects)).cost)
     return explain(second, refined) if other < best.cost - 1 else explained
@@ -98,20 +105,24 @@ def explain(refitted: Fit, refined: Refined = lambda scored: None, effects: Sequ
 
     Where these need shorter steps, the search goes on with such. Pulses only where neither effects nor a residual force
     on the joints, which would come again in the same states, leave only noise, or where they do so but for few windows.
-    Where pulses alone explain nearly all, transmissions are not looked for from many starts.
+    Where pulses alone explain nearly all, transmissions are not looked for from many starts. When there is no time for
+    more, the best set so far.
     """
     likely, criteria = with_best_pulses(refitted) if concentrated(refitted) else refitted, refitted.problem.criteria
     struck = bool(likely.point.variant.pulses) and likely.excess < criteria.idealised_share * refitted.excess
-    search = Search(refitted.problem, restarts=not effects and not struck, refined=refined)
-    best, residual = search.run(refitted.point, effects), None
-    coarse = not refitted.problem.simulator.own_integrator and not effects
-    if coarse and best.fit.effects and (finer := _finer(refitted, search, best)):
-        return explain(finer[0], refined, finer[1].effects)
-    if above_noise(best.fit).max() > 0:
-        residual = fit_residual_force(refitted)
-    if contaminated(best.fit) if residual is None else above_noise(residual).max() > 0:
-        search, best = _with_pulses(refitted, likely, search, best)
-    return Explanation(search, refitted, search.with_dispersion(best), residual)
+    search, residual = Search(refitted.problem, restarts=not effects and not struck, refined=refined), None
+    try:
+        best = search.run(refitted.point, effects)
+        coarse = not refitted.problem.simulator.own_integrator and not effects
+        if coarse and best.fit.effects and (finer := _finer(refitted, search, best)):
+            return explain(finer[0], refined, finer[1].effects)
+        if above_noise(best.fit).max() > 0:
+            residual = fit_residual_force(refitted)
+        if contaminated(best.fit) if residual is None else above_noise(residual).max() > 0:
+            search, best = _with_pulses(refitted, likely, search, best)
+        return Explanation(search, refitted, search.with_dispersion(best), residual)
+    except OutOfTime:
+        return Explanation(search, refitted, search.with_dispersion(search.best), residual)
 
 
 def _with_pulses(refitted: Fit, likely: Fit, search: Search, best: Scored) -> tuple[Search, Scored]:

@@ -75,6 +75,11 @@ class Search:
             best = better
         return best
 
+    @property
+    def best(self) -> Scored:
+        """The best set of all that were refined so far."""
+        return min(self.found.values(), key=score_of)
+
     def with_dispersion(self, best: Scored) -> Scored:
         """The best set when gains are measured by what the best set leaves, not by the sensor's noise alone.
 
@@ -86,7 +91,7 @@ class Search:
             return best
         self.found = {keys: Scored.of(s.fit, self.dispersion) for keys, s in self.found.items()}
         self._nothing = min((s.score for keys, s in self.found.items() if not keys), default=np.inf)
-        return self._pruned(min(self.found.values(), key=score_of))
+        return self._pruned(self.best)
 
     def least(self, scored: Scored) -> float:
         """Nats that one more effect must gain."""

@@ -6,6 +6,7 @@ from functools import partial
 from keycld_envs.effects import Effect
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.search.alternatives import everywhere_rivals, rivals_of
+from keycld_model.diagnosis.search.budget import Budget
 from keycld_model.diagnosis.search.criterion import Scored
 from keycld_model.diagnosis.search.explain import Explanation
 from keycld_model.diagnosis.verdict.dropped import Dropped
@@ -28,13 +29,15 @@ class Rivals:
     dropped: Dropped
 
     @classmethod
-    def of(cls, explained: Explanation, dropped: Dropped) -> "Rivals":
-        """Sets that the search found, and others that are tried now."""
+    def of(cls, explained: Explanation, dropped: Dropped, budget: Budget) -> "Rivals":
+        """Sets that the search found, and others that are tried now; at the same places only, if there is no time."""
         search, best = explained.search, explained.best
         out = cls(explained, {effect.key: [] for effect in best.fit.effects}, dropped)
         for effect in best.fit.effects:
             name = f"rivals of {effect.id} at {effect.where}"
             out.sets[effect.key] += dropped.tried(name, partial(rivals_of, search, best, effect)) or []
+        if not best.fit.effects or budget.leaves_out("rivals at other places"):
+            return out
         for key, scored in (dropped.tried("rivals everywhere", partial(everywhere_rivals, search, best)) or {}).items():
             out.sets[key].append(scored)
         return out

@@ -25,6 +25,7 @@ DETAILS = {
     "chi_square": "mean square of whitened residuals",
     "dispersion": "dispersion factor",
     "dropped": "left out, because numbers ran away",
+    "not_tried": "not tried, because the budget was spent",
     "noise": "noise of each channel, in its unit",
     "step_s": "time step, s",
 }
