@@ -235,3 +235,15 @@ def test_a_vibration_takes_no_masses_away() -> None:
     (finding,) = report.findings
     assert (finding.effect, finding.where["name"]) == ("viscous_friction", "elbow")
     assert finding.parameters["b"].value == pytest.approx(0.08, rel=0.2)
+
+
+@pytest.mark.slow
+def test_what_hardly_stands_out_is_perhaps_a_change() -> None:
+    new, before = sets("pendulum", dry)
+    model = get_system("pendulum").compile()
+    times = diagnose(new, model, baseline=before).details["times_chance"][0]
+    report = diagnose(new, model, baseline=before, criteria=replace(STANDARD, changed=1.2 * times))
+    assert (report.verdict, report.exit_code, report.findings) == ("undetermined", 11, [])
+    assert report.details["next_best"]["effect"] == "coulomb_friction" and "hinge" in report.headline
+    strict = replace(STANDARD, changed=2.4 * times, perhaps_changed=1.2 * times)
+    assert diagnose(new, model, baseline=before, criteria=strict).verdict == "no_mismatch"

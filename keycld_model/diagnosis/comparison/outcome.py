@@ -22,7 +22,7 @@ from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.estimation.replay import error_unit, replay, rollout_error
 from keycld_model.diagnosis.inputs.observation import JointPositions
-from keycld_model.diagnosis.output.words import changed_headline
+from keycld_model.diagnosis.output.words import changed_headline, in_sentence
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.evidence import evidence
 from keycld_model.diagnosis.verdict.findings import estimate, nuisance_of
@@ -48,10 +48,11 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
     errors = rolled.errors(found)
     runs = len(ids)
     findings = [_finding(c, found, model, runs) for c in found.changes]
-    verdict = _verdict(found, errors)
+    perhaps = _perhaps(found, criteria)
+    verdict = _verdict(found, errors, perhaps)
     return Report(
         verdict=verdict,
-        headline=changed_headline(verdict, findings, errors, runs),
+        headline=changed_headline(verdict, findings, errors, runs, perhaps),
         findings=findings,
         nuisance=nuisance_of(rolled.refitted),
         unexplained=_unexplained(found, model, errors),
@@ -65,11 +66,20 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
     )
 
 
-def _verdict(found: Comparison, errors: FitErrors) -> Verdict:
-    """Whether something changed: what does not hold in all new recordings is undetermined."""
+def _perhaps(found: Comparison, criteria: Criteria) -> str | None:
+    """What may have changed where too little speaks for it, in words; None if nothing does."""
+    best = found.next_best
+    if found.changes or found.inconsistent or best is None or best.times < criteria.perhaps_changed:
+        return None
+    return f"{in_sentence(best.effect.id)} at {best.effect.where}"
+
+
+def _verdict(found: Comparison, errors: FitErrors, perhaps: str | None) -> Verdict:
+    """Whether something changed: what does not hold in all new recordings, or hardly stands out, is undetermined."""
     if found.changes:
         return "mismatch" if errors.corrected < errors.refitted else "undetermined"
-    return "no_mismatch" if found.next_best is None or not found.inconsistent else "undetermined"
+    nothing = perhaps is None and (found.next_best is None or not found.inconsistent)
+    return "no_mismatch" if nothing else "undetermined"
 
 
 def _finding(change: Change, found: Comparison, model: mujoco.MjModel, runs: int) -> Finding:

@@ -119,7 +119,9 @@ def headline(verdict: Verdict, findings: Sequence[Finding], errors: FitErrors, u
     )
 
 
-def changed_headline(verdict: Verdict, findings: Sequence[Finding], errors: FitErrors, runs: int) -> str:
+def changed_headline(
+    verdict: Verdict, findings: Sequence[Finding], errors: FitErrors, runs: int, perhaps: str | None = None
+) -> str:
     """What changed since a baseline, in one sentence.
 
     Args:
@@ -127,8 +129,14 @@ def changed_headline(verdict: Verdict, findings: Sequence[Finding], errors: FitE
         findings: of the report.
         errors: of the report.
         runs: of the baseline.
+        perhaps: an effect at its place that may have changed, where too little speaks for it.
     """
     if not findings:
+        if perhaps is not None:
+            return (
+                f"Perhaps something has changed, and {perhaps} is the first guess, but the {runs} runs of the baseline "
+                "differ too much among themselves to be sure; more of them would tell."
+            )
         if verdict == "undetermined":
             return "Some of the new recordings differ from the baseline, and others do not, or not in the same way."
         return (
