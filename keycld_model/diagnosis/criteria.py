@@ -15,9 +15,12 @@ class Criteria:
         rollout_windows: windows that a rollout over held-out recordings is as long as.
         comparison_window: length of a window in which two sets of recordings are compared, s; so long that initial
             states explain little, and so short that forces at the joints are told from the motion.
+        comparison_smooth: time for which an unknown force is constant there, s. Links and mountings vibrate at some
+            10 Hz; followed as if it were a motion of the joints, a vibration needs forces in proportion to masses, and
+            a regression would take the masses away.
+        mass_spread: standard deviation expected of the logarithms of masses and lengths: scales and rulers at hand.
         comparison_mass_spread: the same, relative, where two sets of recordings are compared: both have the masses, and
             a simulator whose masses are off by half need not be mended first.
-        mass_spread: standard deviation expected of the logarithms of masses and lengths: scales and rulers at hand.
         zero_spread: standard deviation expected of an encoder's zero, rad or m.
         view_spread: standard deviation expected of what a camera that looks askew adds to a position, rad or m.
         shutter_spread: standard deviation expected of the time that a shutter takes to roll across an image, s.
@@ -59,8 +62,9 @@ class Criteria:
     window_samples: int = 40
     rollout_windows: int = 4
     comparison_window: float = 0.4
-    comparison_mass_spread: float = 0.5
+    comparison_smooth: float = 0.13
     mass_spread: float = 0.12
+    comparison_mass_spread: float = 0.5
     zero_spread: float = 0.015
     view_spread: float = 0.03
     shutter_spread: float = 0.01

@@ -1,6 +1,7 @@
 """What the recorder of Maxon's EPOS Studio writes: settings, names, units, then samples."""
 
 import os
+from itertools import islice
 from pathlib import Path
 
 from keycld_envs.errors import InputError
@@ -10,7 +11,7 @@ from keycld_envs.recordings.importers.table import Table
 
 HEADER = 64
 """Lines within which the units of the samples stand."""
-UNITS = {"ms": "ms", "s": "s", "rpm": "rpm", "%": "%", "A": "A", "mA": "mA", "V": "V", "°": "deg"}
+UNITS = {"s": "s", "ms": "ms", "us": "us", "rpm": "rpm", "%": "%", "A": "A", "mA": "mA", "V": "V", "°": "deg"}
 """Of the recorder, and as `Columns` calls them."""
 
 
@@ -39,7 +40,7 @@ def read_epos(path: str | os.PathLike[str]) -> tuple[Table, dict[str, str]]:
     path = Path(path)
     try:
         with open(check_file(path), encoding="utf-8-sig") as file:
-            lines = [line.rstrip("\r\n") for line, _ in zip(file, range(HEADER), strict=False)]
+            lines = [line.rstrip("\r\n") for line in islice(file, HEADER)]
     except (OSError, ValueError) as error:
         raise InputError(f"{path} cannot be read ({error}); name a file of EPOS Studio's recorder.") from error
     at = next((i for i, line in enumerate(lines) if line.split(";")[0] in ("ms", "s", "us") and i > 0), None)

@@ -123,16 +123,15 @@ def _signals(table: Table, columns: Columns) -> tuple[dict[str, Any], dict[str, 
     action_clock = clock if columns.action_time is None else _clock(table, columns.action_time, columns.units)
     measured = _units(columns.joints, columns.units, "rad")
     positions = _signal(table, columns.joints, columns.units, columns.time, clock)
-    for j, unit in enumerate(measured):
+    for j, (unit, column) in enumerate(zip(measured, columns.joints.values(), strict=True)):
         if unit in INTEGRALS:
             positions[:, j] = _added_up(table, clock, positions[:, j])
+        elif unit == "rad":
+            if column not in columns.units:
+                _check_radians(table, column, positions[:, j])
+            positions[:, j] = unwrap(positions[:, j])
     units: dict[str, tuple[str, ...]] = {"qpos": tuple(INTEGRALS.get(unit, unit) for unit in measured)}
     signals: dict[str, Any] = {"t_state": clock, "qpos": positions}
-    for j, (unit, column) in enumerate(zip(units["qpos"], columns.joints.values(), strict=True)):
-        if unit == "rad" and measured[j] not in INTEGRALS:
-            if column not in columns.units:
-                _check_radians(table, column, signals["qpos"][:, j])
-            signals["qpos"][:, j] = unwrap(signals["qpos"][:, j])
     if columns.velocities:
         written = zip(columns.velocities.values(), units["qpos"], strict=True)
         units["qvel"] = tuple(_unit(columns.units.get(name, f"{unit}/s")) for name, unit in written)

@@ -25,14 +25,8 @@ from keycld_model.diagnosis.simulation.variant import Variant
 Array = NDArray[np.float64]
 FEWEST, MOST = 12, 40
 """Samples of a window."""
-SMOOTH = 0.13
-"""Time for which an unknown force is constant where the motion is followed, s.
-
-Mechanisms vibrate at some 10 Hz, in their links and in what they are mounted on. Followed as if it were a motion of the
-joints, a vibration needs forces in proportion to masses, and a regression would take the masses away.
-"""
 FINER = 5
-"""Parts in each of these, in which forces are averaged."""
+"""Parts of each time for which an unknown force is constant, in which forces are averaged."""
 FINEST = 2e-4
 """Positions are followed no closer than this, rad or m: steps of the integrator are no better."""
 
@@ -160,7 +154,7 @@ class _Pinned:
         """Fitted by damped Gauss-Newton steps, each window with a damping of its own."""
         windows, model = problem.windows, problem.simulator.model
         q, v = windows.initial_states()
-        parts = max(1, round(windows.steps * windows.step / SMOOTH))
+        parts = max(1, round(windows.steps * windows.step / problem.criteria.comparison_smooth))
         fast = 60.0  # rad/s^2 or m/s^2, acceleration that unknown forces may well make
         out = cls(problem, q, v, np.zeros((len(q), parts, model.nv)), fast * np.maximum(model.dof_M0, 1e-9))
         damping = np.full(len(q), 1e-6)

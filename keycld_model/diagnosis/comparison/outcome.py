@@ -78,8 +78,7 @@ def _verdict(found: Comparison, errors: FitErrors, perhaps: str | None) -> Verdi
     """Whether something changed: what does not hold in all new recordings, or hardly stands out, is undetermined."""
     if found.changes:
         return "mismatch" if errors.corrected < errors.refitted else "undetermined"
-    nothing = perhaps is None and (found.next_best is None or not found.inconsistent)
-    return "no_mismatch" if nothing else "undetermined"
+    return "no_mismatch" if perhaps is None and not found.inconsistent else "undetermined"
 
 
 def _finding(change: Change, found: Comparison, model: mujoco.MjModel, runs: int) -> Finding:

@@ -55,7 +55,7 @@ class Discrepancy:
         force: `[nv]` standard deviation of unknown forces, N m or N, in each part of a window.
         noise: `[nv]` of the sensors, over those of the motion.
         vibration: `[nv]` of positions, over the noise of the motion: links and mountings give way.
-        lasting: time after which a vibration is another one, s.
+        correlation_time: after which a vibration is another one, s.
         friction: `[nv]` dry friction, which may be any force where a joint rests, N m or N.
         more: `[W, nv]` the same beyond that in some windows.
     """
@@ -63,7 +63,7 @@ class Discrepancy:
     force: Array
     noise: Array
     vibration: Array
-    lasting: float
+    correlation_time: float
     friction: Array
     more: Array
 
@@ -85,7 +85,7 @@ class Discrepancy:
         own = np.tile(self.noise**2, response.shape[1] // nv)
         out[:, np.arange(len(own)), np.arange(len(own))] += own
         time = motion.windows.time[rows]
-        alike = np.exp(-np.abs(time[:, :, None] - time[:, None, :]) / self.lasting)
+        alike = np.exp(-np.abs(time[:, :, None] - time[:, None, :]) / self.correlation_time)
         for j in range(nv):
             out[:, j::nv, j::nv] += self.vibration[j] ** 2 * alike
         return out
@@ -271,11 +271,10 @@ class _Restricted:
 
         def discrepancy(x: Array) -> Discrepancy:
             force, noise, vibration = np.exp(x[:-1]).reshape(3, nv)
-            return replace(
-                start, force=force, noise=np.maximum(noise, least), vibration=vibration, lasting=float(np.exp(x[-1]))
-            )
+            noise, lasts = np.maximum(noise, least), float(np.exp(x[-1]))
+            return replace(start, force=force, noise=noise, vibration=vibration, correlation_time=lasts)
 
-        middle = np.log(np.concatenate([start.force, start.noise, start.vibration, [start.lasting]]))
+        middle = np.log(np.concatenate([start.force, start.noise, start.vibration, [start.correlation_time]]))
         bounds = [(x - 5, x + 5) for x in middle[:nv]] + [(-1.0, 3.0)] * nv + [(-4.0, 6.0)] * nv + [(-5.0, 0.0)]
         found = minimize(
             lambda x: self._nats(discrepancy(x)),

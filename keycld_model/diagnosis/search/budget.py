@@ -50,6 +50,7 @@ class Budget:
 
     def leaves_out(self, what: str) -> bool:
         """Whether there is no time for something, which is then noted."""
-        if self.spent:
+        spent = self.spent
+        if spent:
             self.not_tried.append(what)
-        return self.spent
+        return spent

@@ -139,7 +139,7 @@ class Block:
 
 
 def held_out_errors(report: Report, evidence: Evidence) -> Errors:
-    """Held-out errors as bars, with the sensor's noise as the floor."""
+    """Held-out errors as bars, with the sensor's noise as the floor where that is known."""
     fit, floor = report.fit, 1e3 * float(np.sqrt(np.mean(evidence.noise**2)))
     shown = {"nominal": ("as it was", fit.nominal), "refitted": ("refitted", fit.refitted)}
     if report.verdict != "no_mismatch":
@@ -147,7 +147,8 @@ def held_out_errors(report: Report, evidence: Evidence) -> Errors:
     fails = fit.ceiling is not None and not fit.ceiling <= fit.refitted
     if fit.ceiling is not None and not fails:
         shown["ceiling"] = ("residual force", fit.ceiling)
-    shown["noise"] = ("sensor noise", floor)
+    if not report.baseline:  # rollouts are then weighed by the error of a model
+        shown["noise"] = ("sensor noise", floor)
     largest = max(value for _, value in shown.values() if isfinite(value)) or 1.0
     bars = [Bar(n, label, x, 100 * x / largest if isfinite(x) else 100.0) for n, (label, x) in shown.items()]
     return Errors(bars, fails, fit.ceiling is not None and not isfinite(fit.ceiling))
