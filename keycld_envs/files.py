@@ -78,6 +78,8 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 def one_writer(folder: str | os.PathLike[str]) -> Iterator[None]:
     """Let no other process write to a folder in the meantime; a process that is killed leaves no lock behind.
 
+    Where the block ends with an error, what was being written in the folder, also by workers that are gone, is removed.
+
     Args:
         folder: created if absent.
 
@@ -95,7 +97,12 @@ def one_writer(folder: str | os.PathLike[str]) -> Iterator[None]:
             raise InputError(
                 f"{folder} is being written to by another process; wait until it ends, or choose another folder."
             ) from error
-        yield
+        try:
+            yield
+        except BaseException:
+            for left in folder.glob(partial_path(Path("*")).name):
+                shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(missing_ok=True)
+            raise
 
 
 def partial_path(path: Path) -> Path:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from keycld_envs.files import atomic_file, atomic_folder
+from keycld_envs.files import atomic_file, atomic_folder, one_writer, partial_path
 
 
 def test_a_file_is_replaced_only_when_complete(tmp_path: Path) -> None:
@@ -38,6 +38,20 @@ def test_a_folder_appears_only_when_complete(tmp_path: Path) -> None:
     assert (tmp_path / "a" / "sub" / "x").exists()
     with pytest.raises(FileExistsError), atomic_folder(tmp_path / "a"):
         pass
+
+
+def test_an_interrupted_writer_leaves_nothing_that_its_ended_workers_had_begun(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), one_writer(tmp_path):
+        (tmp_path / "done").mkdir()
+        for begun in (partial_path(tmp_path / "b"), partial_path(tmp_path / "c")):
+            begun.mkdir()
+            (begun / "frames.npy").touch()
+        partial_path(tmp_path / "log.json").touch()
+        raise KeyboardInterrupt
+    assert [path.name for path in tmp_path.glob("*") if not path.name.endswith(".lock")] == ["done"]
+    with one_writer(tmp_path):
+        partial_path(tmp_path / "d").touch()
+    assert partial_path(tmp_path / "d").exists()  # somebody else's, perhaps: nothing went wrong here
 
 
 def test_progress_shows_on_a_terminal_only() -> None:
