@@ -53,6 +53,12 @@ class Criteria:
             no form is exact.
         further_change: share of what the first difference gains that another must gain at another joint; at the same
             joint it must gain as much, since what differs from the first one's form looks like one more effect there.
+        far_above_noise: mean square of what is left over that of the noise, in a quarter of the windows, from which the
+            sensors' noise is no measure: five standard deviations. Of 40 simulated mechanisms none went beyond 21.
+        everywhere: probability with which what helps by chance may seem to help in all recordings, each held out in
+            turn.
+        further_missing: share of what was gained that a further effect must gain there: idealised forms leave some.
+        motor_share: share of a motor's torque, root mean square, that an effect may take away or add.
         by_run: effects that may differ from run to run of the baseline by themselves, such as where a cable hangs.
         unexplained_share: share of the misfit that named effects may leave, for them to be certain.
         region: share of the squared force, and of the time, that intervals of positions and speeds hold.
@@ -86,6 +92,10 @@ class Criteria:
     residual_force: float = 15.0
     changed: float = 25.0
     perhaps_changed: float = 12.5
+    far_above_noise: float = 25.0
+    everywhere: float = 0.02
+    further_missing: float = 0.1
+    motor_share: float = 0.5
     by_run: int = 2
     rival_share: float = 0.15
     further_change: float = 0.5

@@ -109,6 +109,12 @@ class Motion:
         """Of the recordings."""
         return self.problem.windows
 
+    def take(self, rows: NDArray[np.int64]) -> "Motion":
+        """Some of the windows."""
+        arrays = {name: getattr(self, name)[rows] for name in _PER_WINDOW}
+        path = self.path[0][rows], self.path[1][rows]
+        return replace(self, problem=self.problem.take(rows), path=path, **arrays)
+
     def over_parts(self, values: Array) -> Array:
         """Means of values `[W, S, nv]` over the parts of the windows, `[W, B, nv]`."""
         edges = self.windows.edges(self.response.shape[-1])
@@ -117,6 +123,9 @@ class Motion:
     def answer(self, forces: Array) -> Array:
         """Fall of whitened residuals `[W, r]` with forces `[W, S, nv]`."""
         return np.einsum("wrjb,wbj->wr", self.response, self.over_parts(forces), optimize=True)
+
+
+_PER_WINDOW = ("q", "v", "a", "u", "time", "required", "states", "response", "residual")
 
 
 def inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> Array:

@@ -15,6 +15,8 @@ from keycld_envs.effects import (
     ViscousFriction,
 )
 from keycld_model.diagnosis.comparison.compare import Comparison
+from keycld_model.diagnosis.comparison.motion import Motion
+from keycld_model.diagnosis.comparison.regression import Discrepancy
 from keycld_model.diagnosis.comparison.selection import Change
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.fit import Fit
@@ -139,19 +141,22 @@ def _common(found: Comparison, model: mujoco.MjModel, runs: int) -> list[Finding
 
 def _unexplained(found: Comparison, model: mujoco.MjModel, errors: FitErrors) -> Unexplained:
     """What is left in both sets."""
-    parts = found.motion.response.shape[-1]
-    length = float(np.median(found.motion.windows.end - found.motion.windows.start)) / parts
-    sizes = [
-        f"{size:.2g} at {model.joint(int(model.dof_jntid[dof])).name}"
-        for dof, size in enumerate(found.discrepancy.force)
-    ]
-    worst = int(np.argmax(found.discrepancy.force / np.maximum(model.dof_M0, 1e-9)))
+    worst, sizes = unexplained_force(found.motion, found.discrepancy, model)
     message = (
-        f"In both sets, forces of {', '.join(sizes)} (N m or N, root mean square over {1e3 * length:.0f} ms) are "
-        "explained by nothing; a difference is only told from them where it is larger or lasts."
+        f"In both sets, forces of {sizes} are explained by nothing; a difference is only told from them where it is "
+        "larger or lasts."
     )
     fraction = float(np.clip((errors.corrected / max(errors.refitted, 1e-12)) ** 2, 0, 1))
-    return Unexplained(True, round(fraction, 4), model.joint(int(model.dof_jntid[worst])).name, message)
+    return Unexplained(True, round(fraction, 4), worst, message)
+
+
+def unexplained_force(motion: Motion, discrepancy: Discrepancy, model: mujoco.MjModel) -> tuple[str, str]:
+    """The joint at which unknown forces are largest for its inertia, and their sizes at all joints in words."""
+    length = float(np.median(motion.windows.end - motion.windows.start)) / motion.response.shape[-1]
+    names = [model.joint(int(model.dof_jntid[dof])).name for dof in range(model.nv)]
+    sizes = [f"{size:.2g} at {name}" for name, size in zip(names, discrepancy.force, strict=True)]
+    worst = int(np.argmax(discrepancy.force / np.maximum(model.dof_M0, 1e-9)))
+    return names[worst], f"{', '.join(sizes)} (N m or N, root mean square over {1e3 * length:.0f} ms)"
 
 
 def _details(found: Comparison, refitted: Fit) -> dict[str, object]:

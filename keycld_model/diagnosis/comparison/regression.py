@@ -167,6 +167,23 @@ def _solve(gram: Array, precision: Array, freedom: int, start: Array | None) -> 
     return Solution(float(nats), values, inverse / scale[:, None] / scale, weights, determined)
 
 
+def robust_weights(white: Array, precision: Array, freedom: int) -> Array:
+    """Weights `[W]` of windows whose white columns and target are `[W, r, P + 1]`."""
+    return _solve(np.swapaxes(white, 1, 2) @ white, precision, freedom, None).weights
+
+
+def robust_squares(columns: Array, freedom: int) -> Array:
+    """Mean squares `[W]` that all columns but the last leave of it, `[W, r, P + 1]`, bad windows counting for less."""
+    weights = np.ones(len(columns))
+    for _ in range(10):
+        flat = (columns * np.sqrt(weights)[:, None, None]).reshape(-1, columns.shape[-1])
+        scale = np.maximum(np.linalg.norm(flat[:, :-1], axis=0), 1e-300)
+        values = np.linalg.lstsq(flat[:, :-1] / scale, flat[:, -1], rcond=1e-9)[0] / scale
+        squares = np.sum((columns[..., -1] - columns[..., :-1] @ values) ** 2, axis=1) / freedom
+        weights = 1 / (1 + squares / max(float(np.median(squares)), 1e-300))
+    return squares
+
+
 def regression(motion: Motion, terms: Sequence[Term], others: Array, baseline: Mask) -> tuple[Regression, Discrepancy]:
     """Columns in which the discrepancy of the baseline is white, and the discrepancy.
 

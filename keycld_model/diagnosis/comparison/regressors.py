@@ -1,6 +1,7 @@
 """What each thing that a simulator may lack does along a motion, to first order: columns of a regression."""
 
 import copy
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
@@ -39,7 +40,7 @@ USUAL: tuple[type[Effect], ...] = (
 )
 """What every mechanism has some of: in both sets of recordings, whatever changed.
 
-No gain of a motor: with masses and gains free, that nothing moves and nothing drives it would be a perfect explanation.
+No gain of a motor: what masses do, and a friction that is compensated for, looks like one.
 """
 IDEALISED: tuple[type[Effect], ...] = (
     AsymmetricFriction,
@@ -187,8 +188,33 @@ def _idealised(motion: Motion) -> list[Term]:
 
 
 def _inertias(motion: Motion, criteria: Criteria) -> list[Term]:
-    """Mass, centre of mass, inertia and length of every link, each by itself, and the rotors at joints."""
-    model, out = motion.model, []
+    """Mass, centre of mass, inertia and length of every link, and the rotors at joints, all forces of inertia held.
+
+    Accelerations are known no better than unknown forces are small, so that least squares would take masses away until
+    little is left to explain. What forces of inertia have in common is therefore held at the simulator's: the term
+    that most changes it makes up for what the others change of it, and accelerations are what is explained.
+    """
+    forces, inertial = _needed(motion, motion.model)
+    out: list[tuple[str, Array, Array, float]] = []
+    for name, spread, after in _with_other_inertias(motion.model, criteria):
+        now, now_inertial = _needed(motion, after)
+        fall = motion.answer((forces - now) / DIFFERENCE), motion.answer((inertial - now_inertial) / DIFFERENCE)
+        out.append((name, *fall, spread))
+    for dof in range(motion.model.nv):
+        column = motion.answer(np.where(np.arange(motion.model.nv) == dof, -motion.a, 0.0))
+        spread = criteria.comparison_mass_spread * float(motion.model.dof_M0[dof])
+        out.append((f"rotor at {motion.model.joint(int(motion.model.dof_jntid[dof])).name}", column, column, spread))
+    whole = motion.answer(inertial)
+    share = np.array([np.sum(own * whole) for _, _, own, _ in out]) / np.sum(whole**2)
+    held = int(np.argmax(np.abs(share) * [spread for *_, spread in out]))
+    made_up = out[held][1] / share[held]
+    return [
+        Term(name, column - share[i] * made_up, spread) for i, (name, column, _, spread) in enumerate(out) if i != held
+    ]
+
+
+def _with_other_inertias(model: mujoco.MjModel, criteria: Criteria) -> Iterator[tuple[str, float, mujoco.MjModel]]:
+    """Each number of each link, its spread, and a model in which it is a little larger."""
     for body in np.flatnonzero(model.body_dofnum):
         children = np.flatnonzero(model.body_parentid == body)
         changes = {
@@ -202,18 +228,13 @@ def _inertias(motion: Motion, criteria: Criteria) -> list[Term]:
             numbers = getattr(after, field)
             if np.any(numbers[rows]):
                 numbers[rows] *= 1 + DIFFERENCE
-                column = motion.answer(_more(motion, after))
-                out.append(Term(f"{name} of {model.body(body).name}", column, times * criteria.comparison_mass_spread))
-    for dof in range(model.nv):
-        force = np.where(np.arange(model.nv) == dof, -motion.a, 0.0)
-        name = f"rotor at {model.joint(int(model.dof_jntid[dof])).name}"
-        out.append(Term(name, motion.answer(force), criteria.comparison_mass_spread * float(model.dof_M0[dof])))
-    return out
+                yield f"{name} of {model.body(body).name}", times * criteria.comparison_mass_spread, after
 
 
-def _more(motion: Motion, after: mujoco.MjModel) -> Array:
-    """Forces that the motion no longer needs, per unit of a logarithm."""
-    return (motion.required - inverse_dynamics(after, motion.q, motion.v, motion.a)) / DIFFERENCE
+def _needed(motion: Motion, model: mujoco.MjModel) -> tuple[Array, Array]:
+    """Forces `[W, S, nv]` that the motion needs, and of these the forces of inertia."""
+    forces = inverse_dynamics(model, motion.q, motion.v, motion.a)
+    return forces, forces - inverse_dynamics(model, motion.q, motion.v, np.zeros_like(motion.a))
 
 
 def _zeros(motion: Motion, criteria: Criteria) -> list[Term]:
