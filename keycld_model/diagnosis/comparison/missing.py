@@ -137,7 +137,7 @@ class Missing:
     @classmethod
     def of(cls, motion: Motion, criteria: Criteria) -> "Missing":
         """All that may be missing along a motion."""
-        terms, columns = shared_terms(motion, criteria), Columns.of(motion)
+        terms, columns = shared_terms(motion, criteria, held=True), Columns.of(motion)
         found, discrepancy = regression(motion, terms, columns.answers, np.ones(len(motion.windows), bool))
         own = [i for i, term in enumerate(terms) if term.effect is None and not term.beyond]
         white = np.concatenate([found.shared[..., own], found.others, found.target[..., None]], axis=-1)

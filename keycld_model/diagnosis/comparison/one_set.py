@@ -40,15 +40,14 @@ def far_above_noise(motion: Motion, criteria: Criteria) -> bool:
 
     Then no set of effects leaves noise, and a search that weighs them by noise takes long and tells nothing.
     """
-    terms, columns = shared_terms(motion, criteria), Columns.of(motion)
+    terms, columns = shared_terms(motion, criteria, held=True), Columns.of(motion)
     known, some = {term.effect.key for term in terms if term.effect is not None}, []
     for candidate in columns.candidates:  # once with any of its nonlinear parameters
         if candidate.key not in known:
             known.add(candidate.key)
             some += candidate.columns
     terms_and_effects = [*(term.column[..., None] for term in terms), columns.answers[..., some]]
-    noise = np.tile(motion.noise / motion.problem.noise, motion.residual.shape[1] // len(motion.noise))
-    white = np.concatenate([motion.states, *terms_and_effects, motion.residual[..., None]], axis=-1) / noise[:, None]
+    white = np.concatenate([motion.states, *terms_and_effects, motion.residual[..., None]], axis=-1)
     n = motion.states.shape[2]
     basis = np.linalg.qr(white[..., :n])[0]
     rest = white[..., n:] - basis @ (np.swapaxes(basis, 1, 2) @ white[..., n:])

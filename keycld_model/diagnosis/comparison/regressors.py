@@ -150,10 +150,16 @@ def _clock(motion: Motion, effect: Effect) -> Array:
     return np.where(measured, (there - here) / motion.problem.noise, 0.0).reshape(len(windows), -1)
 
 
-def shared_terms(motion: Motion, criteria: Criteria) -> list[Term]:
-    """What both sets have: inertias and zeros that are a little off, friction, and motors that are not quite exact."""
+def shared_terms(motion: Motion, criteria: Criteria, held: bool = False) -> list[Term]:
+    """What all recordings have: inertias and zeros that are a little off, friction, and motors that are not quite exact.
+
+    Args:
+        motion: along which they act.
+        criteria: thresholds.
+        held: what forces of inertia have in common is held at the simulator's. Between two sets it need not be.
+    """
     model = motion.model
-    out = [*_inertias(motion, criteria), *_zeros(motion, criteria)]
+    out = [*_inertias(motion, criteria, held), *_zeros(motion, criteria)]
     for kind in USUAL:
         spread = 0.02 if kind is ActuatorDelay else np.inf  # s
         for absent in kind.candidates(model):
@@ -187,11 +193,11 @@ def _idealised(motion: Motion) -> list[Term]:
     return out
 
 
-def _inertias(motion: Motion, criteria: Criteria) -> list[Term]:
-    """Mass, centre of mass, inertia and length of every link, and the rotors at joints, all forces of inertia held.
+def _inertias(motion: Motion, criteria: Criteria, held: bool) -> list[Term]:
+    """Mass, centre of mass, inertia and length of every link, and the rotors at joints.
 
     Accelerations are known no better than unknown forces are small, so that least squares would take masses away until
-    little is left to explain. What forces of inertia have in common is therefore held at the simulator's: the term
+    little is left to explain. What forces of inertia have in common may therefore be held at the simulator's: the term
     that most changes it makes up for what the others change of it, and accelerations are what is explained.
     """
     forces, inertial = _needed(motion, motion.model)
@@ -204,12 +210,14 @@ def _inertias(motion: Motion, criteria: Criteria) -> list[Term]:
         column = motion.answer(np.where(np.arange(motion.model.nv) == dof, -motion.a, 0.0))
         spread = criteria.comparison_mass_spread * float(motion.model.dof_M0[dof])
         out.append((f"rotor at {motion.model.joint(int(motion.model.dof_jntid[dof])).name}", column, column, spread))
+    if not held:
+        return [Term(name, column, spread) for name, column, _, spread in out]
     whole = motion.answer(inertial)
     share = np.array([np.sum(own * whole) for _, _, own, _ in out]) / np.sum(whole**2)
-    held = int(np.argmax(np.abs(share) * [spread for *_, spread in out]))
-    made_up = out[held][1] / share[held]
+    most = int(np.argmax(np.abs(share) * [spread for *_, spread in out]))
+    made_up = out[most][1] / share[most]
     return [
-        Term(name, column - share[i] * made_up, spread) for i, (name, column, _, spread) in enumerate(out) if i != held
+        Term(name, column - share[i] * made_up, spread) for i, (name, column, _, spread) in enumerate(out) if i != most
     ]
 
 
