@@ -151,7 +151,7 @@ def _clock(motion: Motion, effect: Effect) -> Array:
 
 
 def shared_terms(motion: Motion, criteria: Criteria, held: bool = False) -> list[Term]:
-    """What all recordings have: inertias and zeros that are a little off, friction, and motors that are not quite exact.
+    """What all recordings have: inertias and zeros a little off, friction, and motors not quite exact.
 
     Args:
         motion: along which they act.
