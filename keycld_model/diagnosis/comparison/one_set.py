@@ -93,6 +93,7 @@ def lacking(
         fit=errors,
         held_out=[motion.windows.ids[r] for r in sorted(set(motion.windows.recording[rolled.tested]))],
         details={
+            "tracked": False,
             "gain_nats": round(best.gained(none), 2),
             "folds": len(best.costs),
             "unexplained_force": missing.discrepancy.force.tolist(),
