@@ -9,8 +9,8 @@ from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.comparison.compare import compare
-from keycld_model.diagnosis.comparison.motion import MOST, Motion
-from keycld_model.diagnosis.comparison.one_set import far_above_noise, lacking
+from keycld_model.diagnosis.comparison.motion import MOST
+from keycld_model.diagnosis.comparison.one_set import lacking
 from keycld_model.diagnosis.comparison.outcome import report_of
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.estimation.replay import error_unit, rollout_error
@@ -94,28 +94,15 @@ def diagnose(
     training, test = _prepared(recordings, held_out, model, observation, criteria)
     observation = observation.calibrated(training)
     bare = without_contacts(model, [*training, *test], observation)
-    with progress("Diagnosing", total=100) as advance:
-        found = _in_all_recordings(recordings, held_out, bare, criteria, advance) if plain else None
-        if found is not None:
-            return found
-        explained = _explained(bare, training, observation, criteria, spending, advance)
-        report = _report(model, explained, test, spending, advance)
+    report = None
+    if plain:
+        with progress("Weighing the misfit", total=100) as advance:
+            report = lacking(recordings, held_out, bare, criteria, advance)
+    if report is None:
+        with progress("Diagnosing", total=100) as advance:
+            explained = _explained(bare, training, observation, criteria, spending, advance)
+            report = _report(model, explained, test, spending, advance)
     return replace(report, details={**report.details, "not_tried": spending.not_tried, "tracked": tracked})
-
-
-def _in_all_recordings(
-    recordings: Sequence[Recording],
-    held_out: Sequence[Recording],
-    model: mujoco.MjModel,
-    criteria: Criteria,
-    advance: Callable[..., None],
-) -> Report | None:
-    """What helps in all recordings, where much is explained by nothing; None where something else is to be tried."""
-    advance(0, "following the motion")
-    motion = Motion.of([*recordings, *held_out], model, criteria)
-    if not far_above_noise(motion, criteria):
-        return None
-    return lacking(motion, len(recordings), model, criteria, advance)
 
 
 def _changed(

@@ -20,7 +20,7 @@ from keycld_model.diagnosis.comparison.candidates import Columns
 from keycld_model.diagnosis.comparison.changes import Key
 from keycld_model.diagnosis.comparison.motion import Motion
 from keycld_model.diagnosis.comparison.regression import Discrepancy, regression, robust_weights
-from keycld_model.diagnosis.comparison.regressors import force_of, shared_terms
+from keycld_model.diagnosis.comparison.regressors import Term, force_of
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.search.hypotheses import Hypothesis
 
@@ -77,28 +77,23 @@ class Tried:
     costs: Array
     values: Array
 
-    @property
-    def columns(self) -> tuple[int, ...]:
-        """Of all groups."""
-        return tuple(i for group in self.groups for i in group.all_columns)
-
     def gained(self, before: "Tried") -> float:
         """Nats over another set."""
         return float(np.sum(before.costs - self.costs))
 
-    def everywhere(self, before: "Tried", chance: float) -> bool:
+    def everywhere(self, before: "Tried", criteria: Criteria) -> bool:
         """Whether each recording is explained better than by another set, but for chance (Student's t)."""
         ratios = np.log(before.costs / self.costs)  # each recording weighs the same, however large its error
-        least = float(student.ppf(1 - chance, len(ratios) - 1))
+        least = float(student.ppf(1 - criteria.everywhere, len(ratios) - 1))
         spread = float(np.std(ratios, ddof=1)) / np.sqrt(len(ratios))
-        return bool(np.mean(ratios) > least * spread and np.mean(ratios > 0) >= 0.8)
+        return bool(np.mean(ratios) > least * spread and np.mean(ratios > 0) >= criteria.everywhere_share)
 
     def deviations(self) -> Array:
         """Standard deviation of each coefficient, by the jackknife over recordings (Miller, 1974)."""
         n = len(self.costs)
         return np.sqrt((n - 1) * np.var(self.values, axis=0))
 
-    def effects(self, deviations: Array | None = None) -> list[Effect]:
+    def effects(self) -> list[Effect]:
         """With their coefficients in the mean."""
         values, out, at = self.values.mean(axis=0), [], 0
         for group in self.groups:
@@ -135,9 +130,8 @@ class Missing:
     freedom: int
 
     @classmethod
-    def of(cls, motion: Motion, criteria: Criteria) -> "Missing":
-        """All that may be missing along a motion."""
-        terms, columns = shared_terms(motion, criteria, held=True), Columns.of(motion)
+    def of(cls, motion: Motion, terms: Sequence[Term], columns: Columns, criteria: Criteria) -> "Missing":
+        """All that may be missing along a motion, beside terms that all recordings share."""
         found, discrepancy = regression(motion, terms, columns.answers, np.ones(len(motion.windows), bool))
         own = [i for i, term in enumerate(terms) if term.effect is None and not term.beyond]
         white = np.concatenate([found.shared[..., own], found.others, found.target[..., None]], axis=-1)
@@ -184,7 +178,7 @@ class Missing:
             self._possible(tried)
             and tried.gained(before) > max(least, self.criteria.certain)
             and self.score(tried, none) > self.score(before, none)
-            and tried.everywhere(before, self.criteria.everywhere)
+            and tried.everywhere(before, self.criteria)
             and self._driven(tried)
         )
 
@@ -212,7 +206,7 @@ class Missing:
                         return False
                     at += 1
                 if not member.coefficients:  # there or not
-                    if not 0.5 < values[at] < 1.5:
+                    if abs(values[at] - 1) >= self.criteria.there_or_not:
                         return False
                     at += 1
         return True

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from keycld_envs.effects import Effect
+from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.comparison.candidates import Columns
 from keycld_model.diagnosis.comparison.missing import Group, Missing, Tried
 from keycld_model.diagnosis.comparison.motion import Motion
 from keycld_model.diagnosis.comparison.outcome import MODEL_ERROR, unexplained_force
 from keycld_model.diagnosis.comparison.regression import robust_squares
-from keycld_model.diagnosis.comparison.regressors import shared_terms
+from keycld_model.diagnosis.comparison.regressors import Term, shared_terms
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
@@ -32,52 +33,40 @@ Rows = NDArray[np.int64]
 WINDOWS = 120
 """Windows of a fit at most."""
 RIGHT = 0.5
-"""Share of findings that recordings of the other half confirmed (docs/real-data.md, gate G8)."""
-
-
-def far_above_noise(motion: Motion, criteria: Criteria) -> bool:
-    """Whether a quarter of the windows stay far above the sensors' noise, whatever is fitted to first order.
-
-    Then no set of effects leaves noise, and a search that weighs them by noise takes long and tells nothing.
-    """
-    terms, columns = shared_terms(motion, criteria, held=True), Columns.of(motion)
-    known, some = {term.effect.key for term in terms if term.effect is not None}, []
-    for candidate in columns.candidates:  # once with any of its nonlinear parameters
-        if candidate.key not in known:
-            known.add(candidate.key)
-            some += candidate.columns
-    terms_and_effects = [*(term.column[..., None] for term in terms), columns.answers[..., some]]
-    white = np.concatenate([motion.states, *terms_and_effects, motion.residual[..., None]], axis=-1)
-    n = motion.states.shape[2]
-    basis = np.linalg.qr(white[..., :n])[0]
-    rest = white[..., n:] - basis @ (np.swapaxes(basis, 1, 2) @ white[..., n:])
-    squares = robust_squares(rest, rest.shape[1] - n)
-    return bool(np.percentile(squares, 75) > criteria.far_above_noise)
+"""Share of such findings that are right: not counted yet, and taken for one half until it is."""
 
 
 def lacking(
-    motion: Motion, recordings: int, model: mujoco.MjModel, criteria: Criteria, advance: Callable[..., None]
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording],
+    model: mujoco.MjModel,
+    criteria: Criteria,
+    advance: Callable[..., None],
 ) -> Report | None:
-    """The report of what helps in all recordings; None if nothing does.
+    """The report of what helps in all recordings; None if they are not far above noise, or nothing does.
 
     Args:
-        motion: of recordings to learn from, and of held-out ones after them.
-        recordings: how many to learn from; if there are no others, each half of them is tested with parameters from
-            the other.
+        recordings: to learn from.
+        held_out: to test on; if there are none, each half of the recordings is tested with parameters from the other.
         model: the simulator.
         criteria: thresholds.
         advance: of a progress bar of 100 steps.
     """
-    learned = motion.take(np.flatnonzero(motion.windows.recording < recordings))
+    advance(0, "following the motion")
+    motion = Motion.of([*recordings, *held_out], model, criteria)
+    learned = motion.take(np.flatnonzero(motion.windows.recording < len(recordings)))
+    terms, columns = shared_terms(learned, criteria, held=True), Columns.of(learned)
+    if not _far_above_noise(learned, terms, columns, criteria):
+        return None
     advance(20, "what nothing explains")
-    missing = Missing.of(learned, criteria)
+    missing = Missing.of(learned, terms, columns, criteria)
     advance(30, "what helps in all recordings")
     sets, none = missing.search()
     advance(20, "fitting what was found")
     if not sets:
         return None
     best = sets[0]
-    rolled = _Rolled.of(motion, recordings, model, best.effects(), criteria)
+    rolled = _Rolled.of(motion, len(recordings), model, best.effects(), criteria)
     findings = _findings(missing, best, rolled.corrected, model)
     errors = rolled.errors
     clear = min((f.family_confidence or 0.0) for f in findings) > RIGHT / 2
@@ -93,7 +82,6 @@ def lacking(
         fit=errors,
         held_out=[motion.windows.ids[r] for r in sorted(set(motion.windows.recording[rolled.tested]))],
         details={
-            "tracked": False,
             "gain_nats": round(best.gained(none), 2),
             "folds": len(best.costs),
             "unexplained_force": missing.discrepancy.force.tolist(),
@@ -101,8 +89,28 @@ def lacking(
             "windows": len(motion.windows),
             "step_s": motion.problem.simulator.step,
         },
-        evidence=evidence(model, (rolled.refitted, rolled.corrected), (rolled.refitted, rolled.corrected)),
+        evidence=evidence(
+            model, (rolled.refitted, rolled.corrected), (rolled.refitted, rolled.corrected), of_sensors=False
+        ),
     )
+
+
+def _far_above_noise(motion: Motion, terms: Sequence[Term], columns: Columns, criteria: Criteria) -> bool:
+    """Whether a quarter of the windows stay far above the sensors' noise, whatever is fitted to first order.
+
+    Then no set of effects leaves noise, and a search that weighs them by noise takes long and tells nothing.
+    """
+    known, some = {term.effect.key for term in terms if term.effect is not None}, []
+    for candidate in columns.candidates:  # once with any of its nonlinear parameters
+        if candidate.key not in known:
+            known.add(candidate.key)
+            some += candidate.columns
+    shared = np.stack([term.column for term in terms], axis=-1)
+    white = np.concatenate([shared, columns.answers[..., some], motion.residual[..., None]], axis=-1)
+    basis = np.linalg.qr(motion.states)[0]
+    rest = white - basis @ (np.swapaxes(basis, 1, 2) @ white)
+    squares = robust_squares(rest, rest.shape[1] - basis.shape[2])
+    return bool(np.percentile(squares, 75) > criteria.far_above_noise)
 
 
 def _findings(missing: Missing, best: Tried, fit: Fit, model: mujoco.MjModel) -> list[Finding]:

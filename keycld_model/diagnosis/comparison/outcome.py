@@ -64,7 +64,7 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
         common=_common(found, model, runs),
         beyond_baseline={o.channel: round(o.share, 4) for o in found.overlap if o.share > 0.02},
         details=_details(found, rolled.refitted),
-        evidence=evidence(model, (rolled.before, rolled.after), (rolled.before, rolled.after)),
+        evidence=evidence(model, (rolled.before, rolled.after), (rolled.before, rolled.after), of_sensors=False),
     )
 
 

@@ -67,7 +67,8 @@ class Evidence:
         effects: that were added.
         channels: names of what was measured.
         units: of these.
-        noise: `[m]` standard deviation of the sensor's noise.
+        noise: `[m]` standard deviation that residuals are over: of the sensor's noise.
+        of_sensors: it is; otherwise it is the error that is expected of a model.
         rollouts: one per held-out recording.
         residuals: one per training recording.
         shape: of the residual force, if there is one.
@@ -82,6 +83,7 @@ class Evidence:
     rollouts: tuple[Rollout, ...]
     residuals: tuple[Residuals, ...]
     shape: Shape | None = None
+    of_sensors: bool = True
 
     @cached_property
     def corrected(self) -> mujoco.MjModel:
@@ -89,13 +91,16 @@ class Evidence:
         return edited(self.refitted, self.effects)
 
 
-def evidence(nominal: mujoco.MjModel, windows: tuple[Fit, Fit], rollouts: tuple[Fit, Fit]) -> Evidence:
+def evidence(
+    nominal: mujoco.MjModel, windows: tuple[Fit, Fit], rollouts: tuple[Fit, Fit], of_sensors: bool = True
+) -> Evidence:
     """Gather it from fits.
 
     Args:
         nominal: the simulator as it was.
         windows: refitted and corrected, of training recordings.
         rollouts: refitted and corrected, of held-out recordings.
+        of_sensors: residuals are over the noise of sensors, not over the error that is expected of a model.
     """
     chosen = windows[1]
     seen = chosen.problem.windows.observation
@@ -110,6 +115,7 @@ def evidence(nominal: mujoco.MjModel, windows: tuple[Fit, Fit], rollouts: tuple[
         rollouts=tuple(_rollouts(rollouts)),
         residuals=tuple(_residuals(windows)),
         shape=next((shape_of(chosen, e) for e in chosen.effects if isinstance(e, ResidualForce)), None),
+        of_sensors=of_sensors,
     )
 
 

@@ -147,7 +147,7 @@ def held_out_errors(report: Report, evidence: Evidence) -> Errors:
     fails = fit.ceiling is not None and not fit.ceiling <= fit.refitted
     if fit.ceiling is not None and not fails:
         shown["ceiling"] = ("residual force", fit.ceiling)
-    if not report.baseline:  # rollouts are then weighed by the error of a model
+    if evidence.of_sensors:
         shown["noise"] = ("sensor noise", floor)
     largest = max(value for _, value in shown.values() if isfinite(value)) or 1.0
     bars = [Bar(n, label, x, 100 * x / largest if isfinite(x) else 100.0) for n, (label, x) in shown.items()]
