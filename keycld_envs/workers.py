@@ -6,6 +6,7 @@ import multiprocessing.process
 import os
 import signal
 import socket
+import sys
 import threading
 import time
 from collections import deque
@@ -25,6 +26,8 @@ KNOCK = 10.0
 """Seconds to wait for a cluster to answer."""
 CLEANING = 0.8
 """Seconds that a process has to remove what it was writing before it is killed."""
+SOON = 0.02
+"""Seconds until a process tries again to leave, where it could not."""
 ONE_THREAD = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 """For `XLA_FLAGS` of processes among others, whose threads would wait for each other's."""
 
@@ -159,6 +162,17 @@ def _start_worker() -> None:
 
 def _clean_up(*_: object) -> None:
     """Leave what is being done, and this process."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     threading.Timer(CLEANING / 2, os._exit, (143,)).start()
+    sys.unraisablehook = _again
+    _end()
+
+
+def _end(*_: object) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise SystemExit(143)
+
+
+def _again(_: object) -> None:
+    """Try to leave once more: in a callback of the garbage collector, say, exceptions are lost."""
+    signal.signal(signal.SIGTERM, _end)
+    threading.Timer(SOON, signal.raise_signal, (signal.SIGTERM,)).start()

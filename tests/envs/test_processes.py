@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -140,3 +141,43 @@ def test_async_vector_env_renders_in_spawned_processes() -> None:
         assert np.abs(images.astype(int) - expected).max() > 50
     finally:
         vector.close()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_a_worker_that_is_ended_inside_a_collection_cleans_up_without_a_word(tmp_path: Path) -> None:
+    (tmp_path / "work.py").write_text(
+        """
+import gc, time
+from pathlib import Path
+
+def callback(phase, info):
+    Path("half").touch()
+    time.sleep(0.1)
+
+def busy(item):
+    gc.callbacks.append(callback)
+    try:
+        gc.collect()
+        time.sleep(9)
+    finally:
+        Path("half").unlink()
+"""
+    )
+    (tmp_path / "run.py").write_text(
+        """
+import multiprocessing, threading, time
+from pathlib import Path
+from keycld_envs.workers import map_in_processes, end_processes
+from work import busy
+
+if __name__ == "__main__":
+    threading.Thread(target=lambda: list(map_in_processes(busy, [0], 1)), daemon=True).start()
+    while not Path("half").exists():
+        time.sleep(0.01)
+    end_processes(multiprocessing.active_children())
+    print(Path("half").exists())
+"""
+    )
+    done = subprocess.run([sys.executable, "run.py"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.stdout == "False\n"
+    assert "Exception ignored" not in done.stderr
