@@ -175,4 +175,4 @@ def _end(*_: object) -> None:
 def _again(_: object) -> None:
     """Try to leave once more: in a callback of the garbage collector, say, exceptions are lost."""
     signal.signal(signal.SIGTERM, _end)
-    threading.Timer(SOON, signal.raise_signal, (signal.SIGTERM,)).start()
+    threading.Timer(SOON, os.kill, (os.getpid(), signal.SIGTERM)).start()
