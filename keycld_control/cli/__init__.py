@@ -54,6 +54,7 @@ def console() -> NoReturn:
         code = _interrupted()
     if code == INTERRUPTED or _pressed.is_set():
         _leave()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # what was asked for is done; Python would end by the signal
     sys.exit(code)
 
 
