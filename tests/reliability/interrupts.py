@@ -90,7 +90,7 @@ def interrupted(command: list[str], folder: Path, seconds: float, presses: int) 
         while (left := living(process.pid)) and time.monotonic() - begun < SOON:
             time.sleep(0.02)
     wrong: dict[str, object] = {}
-    if process.returncode in DONE and not left:
+    if process.returncode in DONE and not left and time.monotonic() - begun < SOON:
         return None
     if process.returncode != 130:
         wrong["exit code"] = process.returncode
