@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_control.benchmarks.blind.excite import drive, ticks_and_times
+from keycld_control.benchmarks.blind.excite import Excitation, drive, ticks_and_times
 from keycld_control.benchmarks.blind.mechanism import Array, CaseMechanism
 from keycld_control.benchmarks.blind.outside_strengths import OUTSIDE
 from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors, draw_errors
@@ -69,6 +69,7 @@ class SealedCase:
         jitter: whether clocks are irregular.
         smooth: training commands are sums of sines rather than steps; held-out ones the reverse.
         levels: of the excitation of each recording, training first.
+        driven: the recording that is driven where all others are passive.
         mechanisms: what the simulator lacks.
     """
 
@@ -81,7 +82,14 @@ class SealedCase:
     jitter: bool
     smooth: bool
     levels: Array
+    driven: int
     mechanisms: tuple[CaseMechanism, ...]
+
+    def excitation(self, run: int) -> Excitation:
+        """How one recording is moved."""
+        if self.plan.excitation != "one_driven":
+            return self.plan.excitation
+        return "open_loop" if run == self.driven else "passive"
 
     @cached_property
     def plant(self) -> CasePlant:
@@ -116,7 +124,7 @@ class SealedCase:
             ticks, times = ticks_and_times(self.rate, SECONDS, self.jitter, rng)
             clock = ticks.astype(np.float64) / 1e3
             smooth = self.smooth == (run < TRAINING)
-            chosen = drive(plan.system, plan.excitation, level, smooth, clock, self.noise, self.zero, rng)
+            chosen = drive(plan.system, self.excitation(run), level, smooth, clock, self.noise, self.zero, rng)
             draws = self.stream(run, attempt, "mechanisms")
             path = self.plant.simulate(chosen.q, chosen.v, ticks, chosen.controller, draws, SECONDS, MAX_SPEED)
             if path is not None:
@@ -152,6 +160,7 @@ def _draw(plan: Plan, entropy: tuple[int, ...], model: mujoco.MjModel, rng: np.r
         jitter=bool(rng.random() < 1 / 3),
         smooth=bool(rng.random() < 0.5),
         levels=_levels(rng),
+        driven=int(rng.integers(TRAINING + HELD_OUT)),
         mechanisms=tuple(library[name](site, rng, driven) for name, site in plan.parts),
     )
 

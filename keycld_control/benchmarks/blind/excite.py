@@ -12,8 +12,10 @@ from keycld_control.benchmarks.blind.plant import Controller
 from keycld_control.benchmarks.blind.sites import Site, sites
 from keycld_envs.systems import get_system
 
-Excitation = Literal["passive", "open_loop", "closed_loop"]
-EXCITATIONS: tuple[Excitation, ...] = ("passive", "open_loop", "closed_loop")
+Excitation = Literal["passive", "open_loop", "closed_loop", "weak", "one_driven"]
+EXCITATIONS: tuple[Excitation, ...] = ("passive", "open_loop", "closed_loop", "weak", "one_driven")
+WEAK = 0.1
+"""Share of the usual commands that weak ones are: too little for them to tell masses from forces."""
 LIMIT = 3.0
 """Greatest command, which is that of the environments."""
 
@@ -47,7 +49,7 @@ def drive(
 
     Args:
         system: short name.
-        excitation: released, driven in open loop, or by a position controller.
+        excitation: released, driven in open loop, as usual or weakly, or by a position controller.
         level: factor of all amplitudes, about one.
         smooth: sums of sines instead of steps.
         times: `[ticks]` when commands may change, s.
@@ -57,14 +59,15 @@ def drive(
     """
     joints, rest = sites(system), np.array(get_system(system).hanging_qpos)
     nv, command = len(joints), np.array([s.command for s in joints])
-    hold = {"passive": 1.0, "open_loop": 0.5, "closed_loop": 0.4}[excitation]
+    hold = {"closed_loop": 0.4, "open_loop": 0.5}.get(excitation, 1.0)
     release = np.array([s.release for s in joints]) * level
     q = rest + release * (hold * rng.choice([-1, 1], nv) * rng.uniform(0.4, 1.0, nv))
     v = rng.normal(0, 0.5 * level, nv)
     if excitation == "passive":
         return Drive(q, v, _released(nv))
-    if excitation == "open_loop":
-        table = (_sines if smooth else _steps)(times, command * level, rng)
+    if excitation in ("open_loop", "weak"):
+        usual = command * (WEAK if excitation == "weak" else 1.0)
+        table = (_sines if smooth else _steps)(times, usual * level, rng)
         return Drive(q, v, _from_table(np.clip(table, -LIMIT, LIMIT)))
     goals = rest + (_sines if smooth else _long_steps)(times, np.array([s.target for s in joints]) * level, rng)
     dither = _steps(times, 0.25 * command, rng)

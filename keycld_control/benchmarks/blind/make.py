@@ -24,7 +24,7 @@ from keycld_envs.recordings import write_recording
 from keycld_envs.workers import each
 
 SCHEMA = "keycld.blind/1"
-GENERATOR = "1"
+GENERATOR = "2"
 """Raised whenever the same seed gives other recordings."""
 ROLLOUT = 160
 """Samples of a long rollout, whose initial state is fitted, for the error that nobody can beat."""
@@ -138,6 +138,7 @@ def answer(case: SealedCase, signals: list[Signals], index: int) -> dict[str, An
         "jitter": case.jitter,
         "smooth": case.smooth,
         "levels": [s.level for s in signals],
+        "driven": case.driven if case.plan.excitation == "one_driven" else None,
         "attempts": [case.entropy[-1], *(s.attempt for s in signals)],
         "moved": np.max([np.ptp(s.true, axis=0) for s in signals[:TRAINING]], axis=0).tolist(),
     }
