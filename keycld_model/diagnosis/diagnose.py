@@ -8,11 +8,11 @@ import mujoco
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.comparison.compare import compare
-from keycld_model.diagnosis.comparison.motion import MOST
-from keycld_model.diagnosis.comparison.one_set import lacking
-from keycld_model.diagnosis.comparison.outcome import report_of
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
+from keycld_model.diagnosis.discrepancy.compare import compare
+from keycld_model.diagnosis.discrepancy.motion import MOST
+from keycld_model.diagnosis.discrepancy.one_set import lacking
+from keycld_model.diagnosis.discrepancy.outcome import report_of
 from keycld_model.diagnosis.estimation.replay import error_unit, rollout_error
 from keycld_model.diagnosis.inputs.checks import check, check_apart
 from keycld_model.diagnosis.inputs.observation import JointPositions, Observation

@@ -17,11 +17,11 @@ from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording, write_recording
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import Report, diagnose
-from keycld_model.diagnosis.comparison.detectable import detectable
-from keycld_model.diagnosis.comparison.motion import Motion, inverse_dynamics
-from keycld_model.diagnosis.comparison.regression import regression
-from keycld_model.diagnosis.comparison.regressors import answer_of, force_of, shared_terms
 from keycld_model.diagnosis.criteria import STANDARD
+from keycld_model.diagnosis.discrepancy.detectable import detectable
+from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
+from keycld_model.diagnosis.discrepancy.regression import regression
+from keycld_model.diagnosis.discrepancy.regressors import answer_of, force_of, shared_terms
 from keycld_model.diagnosis.output.page import html_page
 
 Force = Callable[..., np.ndarray]

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from keycld_envs.effects.edited import torque_per_command
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.regressors import Term
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.regressors import Term
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -16,12 +16,12 @@ from scipy.stats import t as student
 from keycld_envs.effects import ActuatorGain, Effect
 from keycld_envs.effects.edited import torque_per_command
 from keycld_envs.effects.places import ActuatorEffect
-from keycld_model.diagnosis.comparison.candidates import Columns
-from keycld_model.diagnosis.comparison.changes import Key
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.regression import Discrepancy, regression, robust_weights
-from keycld_model.diagnosis.comparison.regressors import Term, force_of
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.candidates import Columns
+from keycld_model.diagnosis.discrepancy.changes import Key
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.regression import Discrepancy, regression, robust_weights
+from keycld_model.diagnosis.discrepancy.regressors import Term, force_of
 from keycld_model.diagnosis.search.hypotheses import Hypothesis
 
 Array = NDArray[np.float64]

@@ -26,8 +26,8 @@ from keycld_envs.effects import (
 from keycld_envs.effects.edited import resistance, torque_per_command
 from keycld_envs.effects.places import ActuatorEffect
 from keycld_envs.effects.transmission import TransmissionEffect
-from keycld_model.diagnosis.comparison.motion import Motion, inverse_dynamics
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
 from keycld_model.diagnosis.simulation.sampling import interpolated
 
 Array = NDArray[np.float64]

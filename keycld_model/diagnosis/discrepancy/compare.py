@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.comparison.candidates import Columns
-from keycld_model.diagnosis.comparison.changes import Contest
-from keycld_model.diagnosis.comparison.checks import check_alike, check_enough, check_overlap
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.overlap import Overlap, beyond_baseline, comparable
-from keycld_model.diagnosis.comparison.regression import Discrepancy, regression
-from keycld_model.diagnosis.comparison.regressors import Term, shared_terms
-from keycld_model.diagnosis.comparison.selection import Change, Ranked, Selection, between_runs
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.candidates import Columns
+from keycld_model.diagnosis.discrepancy.changes import Contest
+from keycld_model.diagnosis.discrepancy.checks import check_alike, check_enough, check_overlap
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.overlap import Overlap, beyond_baseline, comparable
+from keycld_model.diagnosis.discrepancy.regression import Discrepancy, regression
+from keycld_model.diagnosis.discrepancy.regressors import Term, shared_terms
+from keycld_model.diagnosis.discrepancy.selection import Change, Ranked, Selection, between_runs
 
 Array = NDArray[np.float64]
 RIGHT = 0.84

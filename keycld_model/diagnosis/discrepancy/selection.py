@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect, PositionDependentFriction
 from keycld_envs.effects.places import ActuatorEffect
-from keycld_model.diagnosis.comparison.candidates import Columns, refined
-from keycld_model.diagnosis.comparison.changes import Candidate, Column, Contest, Difference, Key
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.regression import Discrepancy, Mask, whitened_again
-from keycld_model.diagnosis.comparison.regressors import Term
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.candidates import Columns, refined
+from keycld_model.diagnosis.discrepancy.changes import Candidate, Column, Contest, Difference, Key
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.regression import Discrepancy, Mask, whitened_again
+from keycld_model.diagnosis.discrepancy.regressors import Term
 
 Array = NDArray[np.float64]
 FINALISTS = 14

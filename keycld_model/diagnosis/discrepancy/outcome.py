@@ -14,11 +14,11 @@ from keycld_envs.effects import (
     Effect,
     ViscousFriction,
 )
-from keycld_model.diagnosis.comparison.compare import Comparison
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.regression import Discrepancy
-from keycld_model.diagnosis.comparison.selection import Change
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.compare import Comparison
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.regression import Discrepancy
+from keycld_model.diagnosis.discrepancy.selection import Change
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.problem import Problem

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_model.diagnosis.comparison.regression import Mask, Regression
+from keycld_model.diagnosis.discrepancy.regression import Mask, Regression
 from keycld_model.diagnosis.search.hypotheses import Hypothesis
 
 Array = NDArray[np.float64]

@@ -10,13 +10,13 @@ from scipy.stats import t as student
 
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.comparison.candidates import Columns
-from keycld_model.diagnosis.comparison.missing import Group, Missing, Tried
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.outcome import MODEL_ERROR, unexplained_force
-from keycld_model.diagnosis.comparison.regression import robust_squares
-from keycld_model.diagnosis.comparison.regressors import Term, shared_terms
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.candidates import Columns
+from keycld_model.diagnosis.discrepancy.missing import Group, Missing, Tried
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.outcome import MODEL_ERROR, unexplained_force
+from keycld_model.diagnosis.discrepancy.regression import robust_squares
+from keycld_model.diagnosis.discrepancy.regressors import Term, shared_terms
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.problem import Problem
