@@ -109,6 +109,11 @@ class Solution:
     weights: Array
     determined: Array
 
+    @property
+    def deviations(self) -> Array:
+        """`[P]` standard deviations of the values."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
 
 @dataclass(frozen=True)
 class Regression:

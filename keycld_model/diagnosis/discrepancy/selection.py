@@ -72,7 +72,7 @@ class Change:
 
     def sized(self, contest: Contest, new: Sequence[int]) -> Effect:
         """The effect with sizes from some of the new recordings."""
-        return _present(contest.test(self.ranked.difference.candidate, contest.baseline, new))
+        return contest.test(self.ranked.difference.candidate, contest.baseline, new).effect
 
 
 @dataclass
@@ -193,7 +193,7 @@ class Selection:
         columns = [Column(p + i, frozenset(contest.new), 0.0) for i in difference.candidate.of_difference]
         self.contest = contest
         return Change(
-            _present(difference),
+            difference.effect,
             self._deviations(best),
             best,
             tuple((r, weight[id(r)]) for r in rest if self._score(r) > least),
@@ -213,10 +213,9 @@ class Selection:
 
         Half a nat per number is what white forces alone would gain. Nonlinear parameters have none.
         """
-        d, effect = ranked.difference, ranked.effect
+        d = ranked.difference
         spread = np.sqrt(np.maximum(np.diag(d.covariance), 0.0) * max(1.0, 2 * ranked.chance / len(d.values)))
-        own = dict(zip([p.name for p in d.candidate.hypothesis.coefficients], spread, strict=False))
-        return np.array([own.get(p.name, 0.0) for p in effect.parameters()])
+        return d.candidate.hypothesis.of_all_parameters(spread)
 
     def _held_out(self, contest: Contest, candidate: Candidate, present: Sequence[Column]) -> float:
         """Nats that sizes from the other new recordings gain on each."""
@@ -226,13 +225,6 @@ class Selection:
             sized = contest.test(candidate, contest.baseline, others, present)
             total += contest.gained(candidate, sized.values, one, present)
         return total
-
-
-def _present(difference: Difference) -> Effect:
-    """The effect with its difference."""
-    hypothesis = difference.candidate.hypothesis
-    values = {p.name: float(p.absent + v) for p, v in zip(hypothesis.coefficients, difference.values, strict=False)}
-    return replace(hypothesis.effect, **values)
 
 
 def joint_of(effect: Effect, model: mujoco.MjModel) -> str | None:
