@@ -180,7 +180,7 @@ def _prepared(
     criteria: Criteria,
 ) -> tuple[list[Recording], list[Recording]]:
     """Training and held-out recordings, checked and thinned."""
-    samples = criteria.window_samples
+    samples = criteria.sizes.window
     check([*recordings, *held_out], model, observation, samples)
     training, test = (ready(part, model, samples) for part in (recordings, held_out))
     training, test = (training, test) if held_out else split(training, observation, samples)
@@ -199,7 +199,7 @@ def _explained(
     """What training recordings say, with an accurate integrator or with the model's own."""
     advance(0, "refitting masses, lengths and zeros")
     simulator = Simulator(model, accurate_step(training), criteria=criteria)
-    windows = cut(training, observation, simulator.step, criteria.window_samples)
+    windows = cut(training, observation, simulator.step, criteria.sizes.window)
     accurate = refit_accurately(simulator, windows)
     own = refit(Simulator(model, criteria=criteria), windows)
     advance(10, "searching")

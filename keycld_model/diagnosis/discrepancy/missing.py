@@ -143,7 +143,7 @@ class Missing:
         """The best sets of effects, the very best first, and none at all."""
         none = self._tried([()], ())[0]
         kept, accepted = [none], []
-        for _ in range(self.criteria.most_effects):
+        for _ in range(self.criteria.sizes.effects):
             following: dict[frozenset[Key], Tried] = {}
             for before in kept:
                 for tried in self._continued(before):
@@ -198,7 +198,7 @@ class Missing:
     def _possible(self, tried: Tried) -> bool:
         """Whether all parameters are within their bounds, but for chance."""
         for member, values, deviations in tried.members():
-            if not member.coefficients and abs(values[0] - 1) >= self.criteria.there_or_not:
+            if not member.coefficients and np.rint(values[0]) != 1:  # there or not
                 return False
             for parameter, value, deviation in zip(member.coefficients, values, deviations, strict=False):
                 least, most = parameter.low - 2 * deviation, parameter.high + 2 * deviation

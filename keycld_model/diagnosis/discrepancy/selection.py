@@ -104,7 +104,7 @@ class Selection:
     def changes(self, advance: Callable[..., None]) -> tuple[list[Change], Ranked | None, bool]:
         """Accepted changes, the best one that was not, and whether it gains in some of the new recordings only."""
         found: list[Change] = []
-        while len(found) < self.criteria.most_effects:
+        while len(found) < self.criteria.sizes.effects:
             present = [column for change in found for column in change.columns]
             ranked = self._ranked(present)
             clear = self._clear(ranked)
@@ -264,7 +264,7 @@ def between_runs(contest: Contest, criteria: Criteria) -> dict[Key, float]:
     What differs most from run to run by itself becomes a number of each run, with the spread that it shows. Means are
     drawn towards that of all candidates, since there are few runs.
     """
-    for _ in range(criteria.by_run):
+    for _ in range(criteria.sizes.by_run):
         gains = _left_out(contest)
         means = {key: float(np.mean([gain for gain, _ in own])) for key, own in gains.items()}
         worst = max(means, key=means.__getitem__)
