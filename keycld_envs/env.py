@@ -10,17 +10,16 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
-from keycld_envs.checks import ObsType, check_action_limit, check_camera, check_choice, check_size, finite_vector, short
+from keycld_envs.checks import ObsType, check_camera, check_choice, check_size, finite_vector, short
 from keycld_envs.effects import Effect
-from keycld_envs.effects.added_physics import AddedPhysics
 from keycld_envs.errors import InputError
-from keycld_envs.rendering import Quality, Renderer
+from keycld_envs.rendering import Quality, Renderers
+from keycld_envs.simulation import Simulation
 from keycld_envs.success import SuccessMonitor
 from keycld_envs.systems import Start, System, get_system
 
 RENDER_SIZE = 480
 """Width and height of frames for people, pixels."""
-_DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
@@ -121,7 +120,6 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
             render_width=render_width,
             render_height=render_height,
         )
-        self._renderers: dict[tuple[int, int], Renderer] = {}
         self.system = get_system(system) if isinstance(system, str) else system
         self.obs_type: ObsType = obs_type
         self.width, self.height = check_size("width", width), check_size("height", height)
@@ -130,31 +128,16 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         self.render_quality: Quality = render_quality
         self.start: Start = self.system.start if start is None else start
         self.render_mode = render_mode
-        check_choice("obs_type", obs_type, get_args(ObsType))
-        check_choice("render_quality", render_quality, get_args(Quality))
-        check_choice("start", self.start, get_args(Start))
-        check_choice("render_mode", render_mode, (None, "rgb_array"))
-        self.metadata = {  # pyright: ignore[reportAttributeAccessIssue]
-            **self.metadata,
-            "render_fps": round(1 / self.system.timestep),
-        }
-
-        self._compile(camera, action_limit, effects)
-
-    def _compile(self, camera: str | None, action_limit: float | None, effects: Sequence[Effect]) -> None:
-        self.model = self.system.compile()
-        self.data = mujoco.MjData(self.model)
+        _check_choices(obs_type, render_quality, self.start, render_mode)
+        fps = round(1 / self.system.timestep)
+        self.metadata = {**self.metadata, "render_fps": fps}  # pyright: ignore[reportAttributeAccessIssue]
+        self._simulation = Simulation(self.system, action_limit, effects)
+        self.model, self.data = self._simulation.model, self._simulation.data
         self.camera = check_camera(self.model, self.system.camera if camera is None else camera)
-        limit = self.system.action_limit if action_limit is None else check_action_limit(action_limit)
-        if limit is not None:
-            self.model.actuator_ctrllimited[:] = True
-            self.model.actuator_ctrlrange[:] = [-limit, limit]
-        self._effects = AddedPhysics(effects, self.model) if effects else None
-        self._posed = mujoco.MjData(self.model)
+        self._renderers = Renderers(self.model, render_quality)
         self._success = SuccessMonitor(self.system, self.model)
-        self._substeps = round(self.system.timestep / self.model.opt.timestep)
         self.action_space = _action_space(self.model)
-        self.observation_space = self._observation_space()
+        self.observation_space = _observation_space(self.model, self.width, self.height)[self.obs_type]
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode.
@@ -170,22 +153,10 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
             InputError: if an option is unknown, of the wrong length, or not finite.
         """
         super().reset(seed=seed)
-        if options is not None and not isinstance(options, Mapping):
-            raise InputError(f"reset options must map 'qpos' and 'qvel' to numbers, got {short(options)}.")
-        options = options or {}
-        if unknown := set(options) - {"qpos", "qvel"}:
-            raise InputError(f"reset options may have 'qpos' and 'qvel', not {sorted(unknown, key=repr)}.")
+        chosen = _chosen_start(options, self.model)
         qpos, qvel = self.system.sample_start(self.start, self.np_random)
-        if "qpos" in options:
-            qpos, qvel = finite_vector("qpos", options["qpos"], self.model.nq), np.zeros(self.model.nv)
-        if "qvel" in options:
-            qvel = finite_vector("qvel", options["qvel"], self.model.nv)
-        mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:], self.data.qvel[:] = qpos, qvel
-        mujoco.mj_forward(self.model, self.data)
+        self._simulation.reset(**{"qpos": qpos, "qvel": qvel, **chosen})
         self._success.reset()
-        if self._effects:
-            self._effects.reset()
         return self._observation(), self._info()
 
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -198,11 +169,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
             InputError: if the action has the wrong length or is not finite, or the simulation diverges.
         """
         control = finite_vector("action", action, self.model.nu)
-        np.clip(control, self.action_space.low, self.action_space.high, out=self.data.ctrl)
-        for _ in self._effects.steps(self.data, self._substeps) if self._effects else range(self._substeps):
-            _physics_step(self.model, self.data)
-        if any(self.data.warning[kind].number for kind in _DIVERGED):  # MuJoCo has reset the simulation
-            raise InputError("The simulation diverged; use smaller actions, velocities, or time steps.")
+        self._simulation.step(np.clip(control, self.action_space.low, self.action_space.high))
         reward = self.system.reward(self.model, self.data) if self.system.reward else self._success.at_target(self.data)
         return self._observation(), float(reward), False, False, self._info()
 
@@ -222,9 +189,10 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         Raises:
             InputError: if `qpos` has the wrong length or is not finite.
         """
-        self._posed.qpos[:] = finite_vector("qpos", qpos, self.model.nq)
-        mujoco.mj_forward(self.model, self._posed)
-        return self._render(self._posed, width, height)
+        posed = mujoco.MjData(self.model)
+        posed.qpos[:] = finite_vector("qpos", qpos, self.model.nq)
+        mujoco.mj_forward(self.model, posed)
+        return self._render(posed, width, height)
 
     def keypoints(self) -> NDArray[np.float64]:
         """[K, 2] true keypoints of the current state, image units (pixel centres span -1 to 1, y up)."""
@@ -232,24 +200,12 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
 
     def close(self) -> None:
         """Free the renderers."""
-        while self._renderers:
-            self._renderers.popitem()[1].close()
+        self._renderers.close()
 
     def _render(self, data: mujoco.MjData, width: int | None = None, height: int | None = None) -> NDArray[np.uint8]:
-        size = (
-            self.width if width is None else check_size("width", width),
-            self.height if height is None else check_size("height", height),
-        )
-        if size not in self._renderers:
-            self._renderers[size] = Renderer(self.model, *size, self.render_quality)
-        return self._renderers[size].render(data, self.camera)
-
-    def _observation_space(self) -> spaces.Space[Any]:
-        pixels = spaces.Box(0, 255, (self.height, self.width, 3), np.uint8)
-        bound = float(np.finfo(np.float32).max)  # any finite number: Gymnasium warns of infinite bounds
-        state = spaces.Box(-bound, bound, (self.model.nq + self.model.nv,), np.float64)
-        both = spaces.Dict({"pixels": pixels, "state": state})
-        return {"pixels": pixels, "state": state, "pixels_state": both}[self.obs_type]
+        width = self.width if width is None else check_size("width", width)
+        height = self.height if height is None else check_size("height", height)
+        return self._renderers.of_size(width, height).render(data, self.camera)
 
     def _observation(self) -> Any:
         if self.obs_type == "pixels":
@@ -266,16 +222,33 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         }
 
 
+def _check_choices(obs_type: str, render_quality: str, start: str, render_mode: str | None) -> None:
+    check_choice("obs_type", obs_type, get_args(ObsType))
+    check_choice("render_quality", render_quality, get_args(Quality))
+    check_choice("start", start, get_args(Start))
+    check_choice("render_mode", render_mode, (None, "rgb_array"))
+
+
+def _chosen_start(options: Mapping[str, Any] | None, model: mujoco.MjModel) -> dict[str, NDArray[np.float64]]:
+    """Positions and velocities that options of `reset` set; with positions alone, the start is at rest."""
+    if options is not None and not isinstance(options, Mapping):
+        raise InputError(f"reset options must map 'qpos' and 'qvel' to numbers, got {short(options)}.")
+    options = options or {}
+    sizes = {"qpos": model.nq, "qvel": model.nv}
+    if unknown := set(options) - set(sizes):
+        raise InputError(f"reset options may have 'qpos' and 'qvel', not {sorted(unknown, key=repr)}.")
+    at_rest = {"qvel": np.zeros(model.nv)} if "qpos" in options else {}
+    return at_rest | {name: finite_vector(name, options[name], n) for name, n in sizes.items() if name in options}
+
+
 def _action_space(model: mujoco.MjModel) -> spaces.Box:
     limited = model.actuator_ctrllimited[:, None].astype(bool)
     low, high = np.where(limited, model.actuator_ctrlrange, [-np.inf, np.inf]).T.astype(np.float32)
     return spaces.Box(low, high, dtype=np.float32)
 
 
-def _physics_step(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """One time step that ends with up-to-date kinematics and energy, in the same order as dm_control."""
-    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        mujoco.mj_step(model, data)
-    else:
-        mujoco.mj_step2(model, data)
-    mujoco.mj_step1(model, data)
+def _observation_space(model: mujoco.MjModel, width: int, height: int) -> dict[ObsType, spaces.Space[Any]]:
+    pixels = spaces.Box(0, 255, (height, width, 3), np.uint8)
+    bound = float(np.finfo(np.float32).max)  # any finite number: Gymnasium warns of infinite bounds
+    state = spaces.Box(-bound, bound, (model.nq + model.nv,), np.float64)
+    return {"pixels": pixels, "state": state, "pixels_state": spaces.Dict({"pixels": pixels, "state": state})}

@@ -122,3 +122,28 @@ class Renderer:
 
     def __del__(self) -> None:
         self.close()
+
+
+class Renderers:
+    """Renderers of one model, one for each size that is asked for.
+
+    Args:
+        model: the compiled model.
+        quality: of all of them, see `Renderer`.
+    """
+
+    def __init__(self, model: mujoco.MjModel, quality: Quality) -> None:
+        self._model = model
+        self._quality: Quality = quality
+        self._open: dict[tuple[int, int], Renderer] = {}
+
+    def of_size(self, width: int, height: int) -> Renderer:
+        """The one of a size in pixels, opened when it is first asked for."""
+        if (width, height) not in self._open:
+            self._open[width, height] = Renderer(self._model, width, height, self._quality)
+        return self._open[width, height]
+
+    def close(self) -> None:
+        """Free them all; they open again when asked for."""
+        while self._open:
+            self._open.popitem()[1].close()

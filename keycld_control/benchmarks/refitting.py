@@ -28,7 +28,7 @@ from keycld_model.diagnosis.simulation.variant import Variant
 from keycld_model.diagnosis.verdict.report import Finding
 
 Array = NDArray[np.float64]
-SAMPLES, HORIZON = STANDARD.window_samples, STANDARD.rollout_windows
+SAMPLES, HORIZON = STANDARD.sizes.window, STANDARD.sizes.rollout
 """Samples of a window of the diagnosis, and windows that its long rollouts are as long as."""
 
 

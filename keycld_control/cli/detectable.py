@@ -11,7 +11,7 @@ from keycld_control.cli._compiled import keep_compiled
 from keycld_control.cli._output import print_result
 
 if TYPE_CHECKING:
-    from keycld_model.diagnosis.comparison.detectable import Detectable
+    from keycld_model.diagnosis.discrepancy.detectable import Detectable
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def run(args: Args) -> None:
     from keycld_envs.progress import progress
     from keycld_envs.recordings import read_dataset
     from keycld_model.diagnosis import Source
-    from keycld_model.diagnosis.comparison.detectable import detectable
+    from keycld_model.diagnosis.discrepancy.detectable import detectable
 
     recordings = read_dataset(args.recordings).recordings
     model = Source.of(args.mjcf, args.env or recordings[0].system).model

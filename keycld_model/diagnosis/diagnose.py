@@ -8,12 +8,12 @@ import mujoco
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.comparison.compare import compare
-from keycld_model.diagnosis.comparison.motion import MOST
-from keycld_model.diagnosis.comparison.one_set import lacking
-from keycld_model.diagnosis.comparison.outcome import report_of
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
-from keycld_model.diagnosis.estimation.replay import error_unit, rollout_error
+from keycld_model.diagnosis.discrepancy.compare import compare
+from keycld_model.diagnosis.discrepancy.motion import MOST
+from keycld_model.diagnosis.discrepancy.one_set import lacking
+from keycld_model.diagnosis.discrepancy.outcome import report_of
+from keycld_model.diagnosis.estimation.replay import rollout_error
 from keycld_model.diagnosis.inputs.checks import check, check_apart
 from keycld_model.diagnosis.inputs.observation import JointPositions, Observation
 from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, split
@@ -79,30 +79,43 @@ def diagnose(
             can be learned from them; if the budget is no positive number.
     """
     spending = Budget(budget)
+    if baseline and (held_out or tracked or observation is not None or budget is not None):
+        raise InputError(
+            "A baseline is compared by positions of encoders, without a search, and parts of the recordings are held "
+            "out by themselves; leave out held_out, tracked, observation and budget."
+        )
     if baseline:
-        if held_out or tracked or observation is not None or budget is not None:
-            raise InputError(
-                "A baseline is compared by positions of encoders, without a search, and parts of the recordings are "
-                "held out by themselves; leave out held_out, tracked, observation and budget."
-            )
         return _changed(recordings, baseline, model, criteria)
     if tracked and observation is not None:
         raise InputError("tracked is of joint positions, but an observation is handed in; hand in one of them.")
-    plain = not tracked and observation is None
+    encoders = not tracked and observation is None
     if observation is None:
         observation = JointPositions(model, tracked=tracked, criteria=criteria)
+    report = _lacking(recordings, held_out, model, observation, criteria, spending, encoders)
+    return replace(report, details={**report.details, "not_tried": spending.not_tried, "tracked": tracked})
+
+
+def _lacking(
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording],
+    model: mujoco.MjModel,
+    observation: Observation,
+    criteria: Criteria,
+    budget: Budget,
+    encoders: bool,
+) -> Report:
+    """What the simulator lacks; where its misfit to positions of encoders is far above noise, beside forces unknown."""
     training, test = _prepared(recordings, held_out, model, observation, criteria)
     observation = observation.calibrated(training)
     bare = without_contacts(model, [*training, *test], observation)
-    report = None
-    if plain:
+    if encoders:
         with progress("Weighing the misfit", total=100) as advance:
             report = lacking(recordings, held_out, bare, criteria, advance)
-    if report is None:
-        with progress("Diagnosing", total=100) as advance:
-            explained = _explained(bare, training, observation, criteria, spending, advance)
-            report = _report(model, explained, test, spending, advance)
-    return replace(report, details={**report.details, "not_tried": spending.not_tried, "tracked": tracked})
+        if report is not None:
+            return report
+    with progress("Diagnosing", total=100) as advance:
+        explained = _explained(bare, training, observation, criteria, budget, advance)
+        return _report(model, explained, test, budget, advance)
 
 
 def _changed(
@@ -167,7 +180,7 @@ def _prepared(
     criteria: Criteria,
 ) -> tuple[list[Recording], list[Recording]]:
     """Training and held-out recordings, checked and thinned."""
-    samples = criteria.window_samples
+    samples = criteria.sizes.window
     check([*recordings, *held_out], model, observation, samples)
     training, test = (ready(part, model, samples) for part in (recordings, held_out))
     training, test = (training, test) if held_out else split(training, observation, samples)
@@ -186,7 +199,7 @@ def _explained(
     """What training recordings say, with an accurate integrator or with the model's own."""
     advance(0, "refitting masses, lengths and zeros")
     simulator = Simulator(model, accurate_step(training), criteria=criteria)
-    windows = cut(training, observation, simulator.step, criteria.window_samples)
+    windows = cut(training, observation, simulator.step, criteria.sizes.window)
     accurate = refit_accurately(simulator, windows)
     own = refit(Simulator(model, criteria=criteria), windows)
     advance(10, "searching")
@@ -222,10 +235,10 @@ class _Sets:
 def _errors(concluded: Conclusion, rollouts: Rollouts, tested: HeldOut) -> FitErrors:
     """Of long rollouts over held-out recordings, in thousandths."""
     limits = rollouts if concluded.ceiling is None else [*rollouts, tested.long(concluded.ceiling)]
-    return FitErrors(
+    return FitErrors.of(
         f"root mean square of rollouts over {tested.seconds:.2g} s with fitted initial states",
-        error_unit(tested.rollouts.windows.observation.units),
-        *(round(1e3 * rollout_error(fit), 4) for fit in limits),
+        tested.rollouts.windows.observation.units,
+        [rollout_error(fit) for fit in limits],
     )
 
 

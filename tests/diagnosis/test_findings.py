@@ -4,7 +4,7 @@ import pytest
 
 from keycld_envs.effects import ActuatorDelay, Cogging, ExternalPeriodic, JointFlexibility, Spring, ViscousFriction
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis.verdict.findings import RIGHT, _estimates, calibrated
+from keycld_model.diagnosis.verdict.findings import RIGHT, calibrated, estimates
 from keycld_model.diagnosis.verdict.report import Finding, Unexplained
 
 
@@ -22,8 +22,8 @@ from keycld_model.diagnosis.verdict.report import Finding, Unexplained
     ids=lambda x: x.id + x.where if hasattr(x, "id") else "",
 )
 def test_units_are_those_of_the_joint(effect, units):
-    estimates = _estimates(effect, iter([0.1] * 3), get_system("cartpole").compile())
-    assert [e.unit for e in estimates.values()] == units
+    found = estimates(effect, [0.1] * len(units), get_system("cartpole").compile())
+    assert [e.unit for e in found.values()] == units
 
 
 def finding(effect: str) -> Finding:

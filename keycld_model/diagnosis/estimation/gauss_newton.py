@@ -130,7 +130,7 @@ def _after(problem: Problem, point: Point, linear: Linearisation, step: Array) -
     n, parameters, variant = len(problem.spreads), len(effect_parameters(point.effects)), point.variant
     step = step.copy()
     effects, step[n : n + parameters] = moved(point.effects, step[n : n + parameters])
-    farthest = problem.criteria.farthest * problem.spreads
+    farthest = problem.criteria.spreads.farthest * problem.spreads
     values = np.clip(variant.values + step[:n], -farthest, farthest)
     step[:n] = values - variant.values
     offsets = variant.recording_offsets

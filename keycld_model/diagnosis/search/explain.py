@@ -142,7 +142,7 @@ def _with_pulses(refitted: Fit, likely: Fit, search: Search, best: Scored) -> tu
         if not start.point.variant.pulses:
             continue
         gained = refitted.cost - start.cost
-        other = Search(refitted.problem, (), criteria.most_effects - 1, gained, refined=search.refined)
+        other = Search(refitted.problem, (), criteria.sizes.effects - 1, gained, refined=search.refined)
         found = _without_spurious_pulses(other.run(start.point, start.effects))
         pulses = found.fit.point.variant.pulses
         spurious = pulses and above_noise(found.fit).max() > 0 and found.fit.excess > most

@@ -42,6 +42,15 @@ class Hypothesis:
         elsewhere = (kind.edit, kind.command, kind.observe) != (Effect.edit, Effect.command, Effect.observe)
         return self.effect.forces and not elsewhere
 
+    def numbers(self, sizes: Iterable[float]) -> dict[str, float]:
+        """Its coefficients by name, this far from where the effect is absent."""
+        return {p.name: float(p.absent + size) for p, size in zip(self.coefficients, sizes, strict=False)}
+
+    def of_all_parameters(self, values: Iterable[float]) -> Array:
+        """Values of its coefficients at their places among all parameters of the effect; zeros for the others."""
+        own = dict(zip(self.coefficients, values, strict=False))
+        return np.array([own.get(p, 0.0) for p in self.effect.parameters()])
+
     def probes(self, amount: float = 1.0) -> list[Effect]:
         """The effect a little present, once per coefficient; `amount` of the usual."""
         if not self.coefficients:

@@ -53,7 +53,7 @@ class Search:
             refined: called with every set that was refined.
         """
         self.problem, self.gained, self.restarts, self.refined = problem, gained, restarts, refined
-        self.most_effects = problem.criteria.most_effects if most_effects is None else most_effects
+        self.most_effects = problem.criteria.sizes.effects if most_effects is None else most_effects
         self.hypotheses = hypotheses(problem.simulator.model, recorded_range(problem.windows), exclude)
         self.found: dict[Keys, Scored] = {}
         self.dispersion = 1.0

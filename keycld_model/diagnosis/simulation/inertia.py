@@ -15,7 +15,7 @@ def inertial_nuisances(model: mujoco.MjModel, criteria: Criteria = STANDARD) -> 
     turning = [b for b in jointed if (model.jnt_type[model.body_jntadr[b]] == mujoco.mjtJoint.mjJNT_HINGE)]
     wanted = [("mass", b) for b in jointed] + [("length", b) for b in turning]
     return tuple(
-        Nuisance(f"{kind} of {model.body(b).name}", kind, b, criteria.mass_spread, factor=True) for kind, b in wanted
+        Nuisance(f"{kind} of {model.body(b).name}", kind, b, criteria.spreads.mass, factor=True) for kind, b in wanted
     )
 
 

@@ -1,6 +1,6 @@
 """What fits mean: findings with intervals, refitted nuisances, and what stays unexplained."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import mujoco
@@ -43,19 +43,9 @@ def findings_of(best: Scored, rivals: Rivals, search: Search) -> list[Finding]:
     out = []
     for effect in best.fit.effects:
         others = rivals.others(effect) | set(effect.indistinguishable(model))
-        out.append(
-            Finding(
-                effect=effect.id,
-                family=effect.family,
-                where={"kind": effect.kind, "name": effect.where},
-                parameters=_estimates(effect, deviations, model),
-                equation=effect.equation,
-                confidence=round(float(sum(w for keys, w in weights.items() if effect.key in keys) / total), 4),
-                rivals=[rival for rival, _, _ in sorted(others)],
-                rivals_where=[{"kind": kind, "name": name} for _, kind, name in sorted(others)],
-                region=_region(best.fit, effect),
-            )
-        )
+        parameters = estimates(effect, [1.645 * next(deviations) for _ in effect.parameters()], model)
+        confidence = float(sum(w for keys, w in weights.items() if effect.key in keys) / total)
+        out.append(Finding.of(effect, parameters, confidence, sorted(others), region=_region(best.fit, effect)))
     return out
 
 
@@ -64,15 +54,15 @@ def _region(fit: Fit, effect: Effect) -> dict[str, tuple[float, float]] | None:
     return None if shape is None else shape.region(fit.problem.criteria)
 
 
-def _estimates(effect: Effect, deviations: Iterator[float], model: mujoco.MjModel) -> dict[str, Estimate]:
-    return {
-        p.name: estimate(effect, p, getattr(effect, p.name), 1.645 * next(deviations), model)
-        for p in effect.parameters()
-    }
+def estimates(effect: Effect, halves: Iterable[float], model: mujoco.MjModel) -> dict[str, Estimate]:
+    """Parameters of an effect by name, with intervals of these half widths."""
+    pairs = zip(effect.parameters(), halves, strict=True)
+    return {parameter.name: _estimate(effect, parameter, float(half), model) for parameter, half in pairs}
 
 
-def estimate(effect: Effect, parameter: Parameter, value: float, half: float, model: mujoco.MjModel) -> Estimate:
-    """A parameter of an effect with an interval of half a width, within its bounds if it is within them itself."""
+def _estimate(effect: Effect, parameter: Parameter, half: float, model: mujoco.MjModel) -> Estimate:
+    """Its interval ends at the bounds of the parameter, if its value is within them."""
+    value = float(getattr(effect, parameter.name))
     low, high = value - half, value + half
     if parameter.low <= value <= parameter.high:
         low, high = max(low, parameter.low), min(high, parameter.high)
@@ -160,16 +150,7 @@ def pulses_of(fit: Fit) -> list[Finding]:
 def residual_force_finding(fit: Fit, share: float) -> Finding:
     """The finding of a residual force, which gained a share of all that was gained on held-out recordings."""
     effect = fit.effects[-1]
-    return Finding(
-        effect=effect.id,
-        family=effect.family,
-        where={"kind": effect.kind, "name": effect.where},
-        parameters={},
-        equation=effect.equation,
-        confidence=round(share, 4),
-        rivals=[],
-        region=_region(fit, effect),
-    )
+    return Finding.of(effect, {}, share, region=_region(fit, effect))
 
 
 def calibrated(findings: Sequence[Finding], left: Unexplained) -> list[Finding]:

@@ -31,7 +31,7 @@ class HeldOut:
         problem, observation = fit.problem, fit.problem.windows.observation
         samples, criteria = problem.windows.samples, problem.criteria
         shortest = min(int(np.isfinite(observation.measured(r)).any(axis=1).sum()) for r in recordings)
-        horizon = max(1, min(criteria.rollout_windows, shortest // samples))
+        horizon = max(1, min(criteria.sizes.rollout, shortest // samples))
         short, long = (cut(recordings, observation, problem.simulator.step, n) for n in (samples, samples * horizon))
         return cls(replace(problem, windows=short), replace(problem, windows=long))
 

@@ -1,8 +1,11 @@
 """What a diagnosis says, for programs; schema `keycld.diagnosis/1`."""
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
+from keycld_envs.effects import Effect
+from keycld_model.diagnosis.estimation.replay import error_unit
 from keycld_model.diagnosis.verdict.evidence import Evidence
 
 Verdict = Literal["no_mismatch", "mismatch", "undetermined"]
@@ -53,6 +56,31 @@ class Finding:
     region: dict[str, tuple[float, float]] | None = None
     family_confidence: float | None = None
 
+    @classmethod
+    def of(
+        cls,
+        effect: Effect,
+        parameters: Mapping[str, Estimate],
+        confidence: float,
+        rivals: Iterable[tuple[str, str, str]] = (),
+        family_confidence: float | None = None,
+        region: dict[str, tuple[float, float]] | None = None,
+    ) -> "Finding":
+        """The finding of an effect, with rivals by id, kind of place, and place."""
+        rivals = list(rivals)
+        return cls(
+            effect=effect.id,
+            family=effect.family,
+            where={"kind": effect.kind, "name": effect.where},
+            parameters=dict(parameters),
+            equation=effect.equation,
+            confidence=round(confidence, 4),
+            rivals=[rival for rival, _, _ in rivals],
+            rivals_where=[{"kind": kind, "name": name} for _, kind, name in rivals],
+            region=region,
+            family_confidence=None if family_confidence is None else round(family_confidence, 4),
+        )
+
 
 @dataclass(frozen=True)
 class Unexplained:
@@ -88,6 +116,11 @@ class FitErrors:
     refitted: float
     corrected: float
     ceiling: float | None = None
+
+    @classmethod
+    def of(cls, metric: str, units: tuple[str, ...], errors: Sequence[float]) -> "FitErrors":
+        """Errors of channels with these units, nominal first, in thousandths."""
+        return cls(metric, error_unit(units), *(round(1e3 * error, 4) for error in errors))
 
 
 @dataclass(frozen=True)

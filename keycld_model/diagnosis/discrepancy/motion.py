@@ -71,7 +71,7 @@ class Motion:
         recordings = [thin(recording, slowest) for recording in recordings]
         bare = copy.copy(model)
         bare.dof_frictionloss[:] = 0.0
-        samples = int(np.clip(round(criteria.comparison_window / spacing(recordings)), FEWEST, MOST))
+        samples = int(np.clip(round(criteria.sizes.window_beside_forces / spacing(recordings)), FEWEST, MOST))
         noise = JointPositions(bare).calibrated(recordings).noise
         observation = JointPositions(bare, np.maximum(noise, FINEST))
         simulator = Simulator(bare, accurate_step(recordings), criteria=criteria)
@@ -163,7 +163,7 @@ class _Pinned:
         """Fitted by damped Gauss-Newton steps, each window with a damping of its own."""
         windows, model = problem.windows, problem.simulator.model
         q, v = windows.initial_states()
-        parts = max(1, round(windows.steps * windows.step / problem.criteria.comparison_smooth))
+        parts = max(1, round(windows.steps * windows.step / problem.criteria.sizes.constant_force))
         fast = 60.0  # rad/s^2 or m/s^2, acceleration that unknown forces may well make
         out = cls(problem, q, v, np.zeros((len(q), parts, model.nv)), fast * np.maximum(model.dof_M0, 1e-9))
         damping = np.full(len(q), 1e-6)

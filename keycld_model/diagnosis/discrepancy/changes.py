@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_model.diagnosis.comparison.regression import Mask, Regression
+from keycld_envs.effects import Effect
+from keycld_model.diagnosis.discrepancy.regression import Mask, Regression
 from keycld_model.diagnosis.search.hypotheses import Hypothesis
 
 Array = NDArray[np.float64]
@@ -55,6 +56,12 @@ class Difference:
     values: Array
     covariance: Array
     common: Array
+
+    @property
+    def effect(self) -> Effect:
+        """The effect as large as the difference, which may be less than none."""
+        hypothesis = self.candidate.hypothesis
+        return replace(hypothesis.effect, **hypothesis.numbers(self.values))
 
 
 @dataclass(frozen=True)

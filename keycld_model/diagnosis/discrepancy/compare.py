@@ -8,17 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.comparison.candidates import Columns
-from keycld_model.diagnosis.comparison.changes import Contest
-from keycld_model.diagnosis.comparison.checks import check_alike, check_enough, check_overlap
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.overlap import Overlap, beyond_baseline, comparable
-from keycld_model.diagnosis.comparison.regression import Discrepancy, regression
-from keycld_model.diagnosis.comparison.regressors import Term, shared_terms
-from keycld_model.diagnosis.comparison.selection import Change, Ranked, Selection, between_runs
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.candidates import Columns
+from keycld_model.diagnosis.discrepancy.changes import Contest
+from keycld_model.diagnosis.discrepancy.checks import check_alike, check_enough, check_overlap
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.overlap import Overlap, beyond_baseline, comparable
+from keycld_model.diagnosis.discrepancy.regression import Discrepancy, Mask, Regression, Solution, regression
+from keycld_model.diagnosis.discrepancy.regressors import Term, shared_terms
+from keycld_model.diagnosis.discrepancy.selection import Change, Ranked, Selection, between_runs
 
-Array = NDArray[np.float64]
 RIGHT = 0.84
 """Share of first findings that were right on real recordings, by Laplace's rule: 47 of 55 (docs/real-data.md)."""
 
@@ -30,8 +29,7 @@ class Comparison:
     Attributes:
         motion: of both.
         terms: that both share.
-        common: `[P]` their values.
-        deviations: `[P]` of these.
+        common: their values.
         changes: accepted differences.
         next_best: the best that was not accepted.
         inconsistent: it gains in some of the new recordings only.
@@ -42,8 +40,7 @@ class Comparison:
 
     motion: Motion
     terms: Sequence[Term]
-    common: Array
-    deviations: Array
+    common: Solution
     changes: Sequence[Change]
     next_best: Ranked | None
     inconsistent: bool
@@ -98,24 +95,17 @@ def compare(
     changes, next_best, inconsistent = selection.changes(advance)
     advance(20)
     contest = selection.contest
-    nothing = np.zeros((int(of_baseline.sum()), found.target.shape[1], 0))
-    none = 1e12  # precision: they are not there, so that the simplest forms have names
-    precision = np.where([term.beyond for term in terms], none, found.precision)
-    simplest = replace(contest.regression, precision=precision)
-    solution = simplest.solve(of_baseline, nothing, np.zeros(0))
+    common = _common(contest.regression, terms, of_baseline)
     advance(10)
-    return Comparison(
-        motion,
-        terms,
-        solution.values,
-        np.sqrt(np.maximum(np.diag(solution.covariance), 0.0)),
-        changes,
-        next_best,
-        inconsistent,
-        overlap,
-        selection.discrepancy,
-        contest,
-    )
+    return Comparison(motion, terms, common, changes, next_best, inconsistent, overlap, selection.discrepancy, contest)
+
+
+def _common(found: Regression, terms: Sequence[Term], of_baseline: Mask) -> Solution:
+    """Values of terms in the baseline, in which friction and motors have the simplest forms, which have names."""
+    none = 1e12  # precision of what is not there
+    simplest = replace(found, precision=np.where([term.beyond for term in terms], none, found.precision))
+    nothing = np.zeros((int(of_baseline.sum()), found.target.shape[1], 0))
+    return simplest.solve(of_baseline, nothing, np.zeros(0))
 
 
 def _halves(motion: Motion, baseline: int, within: NDArray[np.bool_]) -> tuple[NDArray[np.int64], tuple[int, ...]]:

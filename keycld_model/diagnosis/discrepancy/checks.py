@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.comparison.overlap import Overlap
+from keycld_model.diagnosis.discrepancy.overlap import Overlap
 from keycld_model.diagnosis.inputs.prepare import spacing
 
 

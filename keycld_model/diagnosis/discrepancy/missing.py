@@ -5,7 +5,7 @@ as large as they are beside everything that might be missing, whatever is tried.
 such as dry friction, is tried at all joints at once, too, since one alone is of no use where both are missing.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -16,12 +16,12 @@ from scipy.stats import t as student
 from keycld_envs.effects import ActuatorGain, Effect
 from keycld_envs.effects.edited import torque_per_command
 from keycld_envs.effects.places import ActuatorEffect
-from keycld_model.diagnosis.comparison.candidates import Columns
-from keycld_model.diagnosis.comparison.changes import Key
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.regression import Discrepancy, regression, robust_weights
-from keycld_model.diagnosis.comparison.regressors import Term, force_of
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.candidates import Columns
+from keycld_model.diagnosis.discrepancy.changes import Key
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.regression import Discrepancy, regression, robust_weights
+from keycld_model.diagnosis.discrepancy.regressors import Term, force_of
 from keycld_model.diagnosis.search.hypotheses import Hypothesis
 
 Array = NDArray[np.float64]
@@ -88,21 +88,21 @@ class Tried:
         spread = float(np.std(ratios, ddof=1)) / np.sqrt(len(ratios))
         return bool(np.mean(ratios) > least * spread and np.mean(ratios > 0) >= criteria.everywhere_share)
 
-    def deviations(self) -> Array:
-        """Standard deviation of each coefficient, by the jackknife over recordings (Miller, 1974)."""
-        n = len(self.costs)
-        return np.sqrt((n - 1) * np.var(self.values, axis=0))
+    def members(self) -> Iterator[tuple[Hypothesis, Array, Array]]:
+        """Each hypothesis, its coefficients in the mean, and their standard deviations over recordings.
+
+        One that is there or not has one coefficient, about one. Deviations are the jackknife's (Miller, 1974).
+        """
+        n, at = len(self.costs), 0
+        values, deviations = self.values.mean(axis=0), np.sqrt((n - 1) * np.var(self.values, axis=0))
+        for member in (member for group in self.groups for member in group.members):
+            own = slice(at, at + max(1, len(member.coefficients)))
+            yield member, values[own], deviations[own]
+            at = own.stop
 
     def effects(self) -> list[Effect]:
         """With their coefficients in the mean."""
-        values, out, at = self.values.mean(axis=0), [], 0
-        for group in self.groups:
-            for member in group.members:
-                names = [(p.name, p.absent) for p in member.coefficients]
-                own = dict(zip(names, values[at : at + max(1, len(names))], strict=False))
-                out.append(member.effect.with_parameters(**{n: absent + float(v) for (n, absent), v in own.items()}))
-                at += max(1, len(names))
-        return out
+        return [member.effect.with_parameters(**member.numbers(values)) for member, values, _ in self.members()]
 
 
 @dataclass
@@ -143,7 +143,7 @@ class Missing:
         """The best sets of effects, the very best first, and none at all."""
         none = self._tried([()], ())[0]
         kept, accepted = [none], []
-        for _ in range(self.criteria.most_effects):
+        for _ in range(self.criteria.sizes.effects):
             following: dict[frozenset[Key], Tried] = {}
             for before in kept:
                 for tried in self._continued(before):
@@ -197,18 +197,13 @@ class Missing:
 
     def _possible(self, tried: Tried) -> bool:
         """Whether all parameters are within their bounds, but for chance."""
-        values, deviations, at = tried.values.mean(axis=0), tried.deviations(), 0
-        for group in tried.groups:
-            for member in group.members:
-                for parameter in member.coefficients:
-                    value, spread = parameter.absent + values[at], 2 * deviations[at]
-                    if not parameter.low - spread <= value <= parameter.high + spread:
-                        return False
-                    at += 1
-                if not member.coefficients:  # there or not
-                    if abs(values[at] - 1) >= self.criteria.there_or_not:
-                        return False
-                    at += 1
+        for member, values, deviations in tried.members():
+            if not member.coefficients and np.rint(values[0]) != 1:  # there or not
+                return False
+            for parameter, value, deviation in zip(member.coefficients, values, deviations, strict=False):
+                least, most = parameter.low - 2 * deviation, parameter.high + 2 * deviation
+                if not least <= parameter.absent + value <= most:
+                    return False
         return True
 
     def _continued(self, before: Tried) -> list[Tried]:

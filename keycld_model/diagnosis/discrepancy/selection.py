@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect, PositionDependentFriction
 from keycld_envs.effects.places import ActuatorEffect
-from keycld_model.diagnosis.comparison.candidates import Columns, refined
-from keycld_model.diagnosis.comparison.changes import Candidate, Column, Contest, Difference, Key
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.regression import Discrepancy, Mask, whitened_again
-from keycld_model.diagnosis.comparison.regressors import Term
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.candidates import Columns, refined
+from keycld_model.diagnosis.discrepancy.changes import Candidate, Column, Contest, Difference, Key
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.regression import Discrepancy, Mask, whitened_again
+from keycld_model.diagnosis.discrepancy.regressors import Term
 
 Array = NDArray[np.float64]
 FINALISTS = 14
@@ -72,7 +72,7 @@ class Change:
 
     def sized(self, contest: Contest, new: Sequence[int]) -> Effect:
         """The effect with sizes from some of the new recordings."""
-        return _present(contest.test(self.ranked.difference.candidate, contest.baseline, new))
+        return contest.test(self.ranked.difference.candidate, contest.baseline, new).effect
 
 
 @dataclass
@@ -104,7 +104,7 @@ class Selection:
     def changes(self, advance: Callable[..., None]) -> tuple[list[Change], Ranked | None, bool]:
         """Accepted changes, the best one that was not, and whether it gains in some of the new recordings only."""
         found: list[Change] = []
-        while len(found) < self.criteria.most_effects:
+        while len(found) < self.criteria.sizes.effects:
             present = [column for change in found for column in change.columns]
             ranked = self._ranked(present)
             clear = self._clear(ranked)
@@ -193,7 +193,7 @@ class Selection:
         columns = [Column(p + i, frozenset(contest.new), 0.0) for i in difference.candidate.of_difference]
         self.contest = contest
         return Change(
-            _present(difference),
+            difference.effect,
             self._deviations(best),
             best,
             tuple((r, weight[id(r)]) for r in rest if self._score(r) > least),
@@ -213,10 +213,9 @@ class Selection:
 
         Half a nat per number is what white forces alone would gain. Nonlinear parameters have none.
         """
-        d, effect = ranked.difference, ranked.effect
+        d = ranked.difference
         spread = np.sqrt(np.maximum(np.diag(d.covariance), 0.0) * max(1.0, 2 * ranked.chance / len(d.values)))
-        own = dict(zip([p.name for p in d.candidate.hypothesis.coefficients], spread, strict=False))
-        return np.array([own.get(p.name, 0.0) for p in effect.parameters()])
+        return d.candidate.hypothesis.of_all_parameters(spread)
 
     def _held_out(self, contest: Contest, candidate: Candidate, present: Sequence[Column]) -> float:
         """Nats that sizes from the other new recordings gain on each."""
@@ -226,13 +225,6 @@ class Selection:
             sized = contest.test(candidate, contest.baseline, others, present)
             total += contest.gained(candidate, sized.values, one, present)
         return total
-
-
-def _present(difference: Difference) -> Effect:
-    """The effect with its difference."""
-    hypothesis = difference.candidate.hypothesis
-    values = {p.name: float(p.absent + v) for p, v in zip(hypothesis.coefficients, difference.values, strict=False)}
-    return replace(hypothesis.effect, **values)
 
 
 def joint_of(effect: Effect, model: mujoco.MjModel) -> str | None:
@@ -272,7 +264,7 @@ def between_runs(contest: Contest, criteria: Criteria) -> dict[Key, float]:
     What differs most from run to run by itself becomes a number of each run, with the spread that it shows. Means are
     drawn towards that of all candidates, since there are few runs.
     """
-    for _ in range(criteria.by_run):
+    for _ in range(criteria.sizes.by_run):
         gains = _left_out(contest)
         means = {key: float(np.mean([gain for gain, _ in own])) for key, own in gains.items()}
         worst = max(means, key=means.__getitem__)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from keycld_envs.effects.edited import torque_per_command
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.regressors import Term
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.regressors import Term
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -108,6 +108,11 @@ class Solution:
     covariance: Array
     weights: Array
     determined: Array
+
+    @property
+    def deviations(self) -> Array:
+        """`[P]` standard deviations of the values."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
 @dataclass(frozen=True)

@@ -8,33 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from keycld_envs.effects import (
-    ConstantForce,
-    CoulombFriction,
-    Effect,
-    ViscousFriction,
-)
-from keycld_model.diagnosis.comparison.compare import Comparison
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.regression import Discrepancy
-from keycld_model.diagnosis.comparison.selection import Change
+from keycld_envs.effects import ConstantForce, CoulombFriction, Effect, ViscousFriction
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.compare import Comparison
+from keycld_model.diagnosis.discrepancy.rollouts import enough, error_over, fit_errors, rollouts, unexplained
+from keycld_model.diagnosis.discrepancy.selection import Change
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
-from keycld_model.diagnosis.estimation.problem import Problem
-from keycld_model.diagnosis.estimation.replay import error_unit, replay, rollout_error
-from keycld_model.diagnosis.inputs.observation import JointPositions
+from keycld_model.diagnosis.estimation.replay import replay
 from keycld_model.diagnosis.output.words import changed_headline, in_sentence
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.evidence import evidence
-from keycld_model.diagnosis.verdict.findings import estimate, nuisance_of
-from keycld_model.diagnosis.verdict.report import Finding, FitErrors, Report, Unexplained, Verdict
+from keycld_model.diagnosis.verdict.findings import estimates, nuisance_of
+from keycld_model.diagnosis.verdict.report import Finding, FitErrors, Report, Verdict
 
-Array = NDArray[np.float64]
 IN_BOTH = 0.19
 """Confidence of what both sets have in common: it is fitted beside all that nobody modelled, and nothing cancels."""
-MODEL_ERROR = 3e-3
-"""What simulators of real mechanisms err by over a window, rad or m; only the weight of outliers depends on it."""
+LEFT = (
+    "In both sets, forces of {} are explained by nothing; a difference is only told from them where it is larger or "
+    "lasts."
+)
 
 
 def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], criteria: Criteria) -> Report:
@@ -57,7 +50,7 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
         headline=changed_headline(verdict, findings, errors, runs, perhaps),
         findings=findings,
         nuisance=nuisance_of(rolled.refitted),
-        unexplained=_unexplained(found, model, errors),
+        unexplained=unexplained(found.motion, found.discrepancy, errors, LEFT),
         fit=errors,
         held_out=list(dict.fromkeys(found.motion.windows.ids[r] for r in found.motion.windows.recording[rolled.new])),
         baseline=list(ids),
@@ -86,10 +79,6 @@ def _verdict(found: Comparison, errors: FitErrors, perhaps: str | None) -> Verdi
 def _finding(change: Change, found: Comparison, model: mujoco.MjModel, runs: int) -> Finding:
     """A change as it is reported."""
     effect, times = change.effect, float(student.ppf(0.95, 3 + runs))
-    parameters = {}
-    for parameter, deviation in zip(effect.parameters(), change.deviations, strict=True):
-        value = float(getattr(effect, parameter.name))
-        parameters[parameter.name] = estimate(effect, parameter, value, times * deviation, model)
     everything = 1 + sum(weight for _, weight in change.rivals)
     same = [
         weight
@@ -98,65 +87,28 @@ def _finding(change: Change, found: Comparison, model: mujoco.MjModel, runs: int
     ]
     others = [(r.effect.id, r.effect.kind, r.effect.where) for r, _ in change.rivals]
     others += [o for o in effect.indistinguishable(model) if o not in others]
-    return Finding(
-        effect=effect.id,
-        family=effect.family,
-        where={"kind": effect.kind, "name": effect.where},
-        parameters=parameters,
-        equation=effect.equation,
-        confidence=round(found.right / everything, 4),
-        family_confidence=round(found.right * (1 + sum(same)) / everything, 4),
-        rivals=[rival for rival, _, _ in others],
-        rivals_where=[{"kind": kind, "name": name} for _, kind, name in others],
+    return Finding.of(
+        effect,
+        estimates(effect, times * change.deviations, model),
+        found.right / everything,
+        others,
+        family_confidence=found.right * (1 + sum(same)) / everything,
     )
 
 
 def _common(found: Comparison, model: mujoco.MjModel, runs: int) -> list[Finding]:
     """What both sets have in common that the simulator lacks, as far as it is more than chance."""
     out, times = [], float(student.ppf(0.95, 3 + runs))
-    for term, value, deviation in zip(found.terms, found.common, found.deviations, strict=True):
+    for term, value, deviation in zip(found.terms, found.common.values, found.common.deviations, strict=True):
         if term.effect is None or abs(value) < 4 * deviation:
             continue
         (parameter,) = term.effect.parameters()
         if parameter.absent + value < parameter.low:
             continue
-        out.append(
-            Finding(
-                effect=term.effect.id,
-                family=term.effect.family,
-                where={"kind": term.effect.kind, "name": term.effect.where},
-                parameters={
-                    parameter.name: estimate(
-                        term.effect, parameter, parameter.absent + float(value), times * float(deviation), model
-                    )
-                },
-                equation=term.effect.equation,
-                confidence=IN_BOTH,
-                family_confidence=IN_BOTH,
-                rivals=[],
-            )
-        )
+        effect = replace(term.effect, **{parameter.name: parameter.absent + float(value)})
+        parameters = estimates(effect, [times * float(deviation)], model)
+        out.append(Finding.of(effect, parameters, IN_BOTH, family_confidence=IN_BOTH))
     return out
-
-
-def _unexplained(found: Comparison, model: mujoco.MjModel, errors: FitErrors) -> Unexplained:
-    """What is left in both sets."""
-    worst, sizes = unexplained_force(found.motion, found.discrepancy, model)
-    message = (
-        f"In both sets, forces of {sizes} are explained by nothing; a difference is only told from them where it is "
-        "larger or lasts."
-    )
-    fraction = float(np.clip((errors.corrected / max(errors.refitted, 1e-12)) ** 2, 0, 1))
-    return Unexplained(True, round(fraction, 4), worst, message)
-
-
-def unexplained_force(motion: Motion, discrepancy: Discrepancy, model: mujoco.MjModel) -> tuple[str, str]:
-    """The joint at which unknown forces are largest for its inertia, and their sizes at all joints in words."""
-    length = float(np.median(motion.windows.end - motion.windows.start)) / motion.response.shape[-1]
-    names = [model.joint(int(model.dof_jntid[dof])).name for dof in range(model.nv)]
-    sizes = [f"{size:.2g} at {name}" for name, size in zip(names, discrepancy.force, strict=True)]
-    worst = int(np.argmax(discrepancy.force / np.maximum(model.dof_M0, 1e-9)))
-    return names[worst], f"{', '.join(sizes)} (N m or N, root mean square over {1e3 * length:.0f} ms)"
 
 
 def _details(found: Comparison, refitted: Fit) -> dict[str, object]:
@@ -204,17 +156,13 @@ class _Rolled:
     def of(cls, found: Comparison, model: mujoco.MjModel, criteria: Criteria) -> "_Rolled":
         """With initial states fitted in every window."""
         motion = found.motion
-        simulator = Simulator(model, motion.problem.simulator.step, criteria=criteria)
-        noise = np.maximum(motion.noise, MODEL_ERROR)
-        windows = replace(motion.windows, observation=JointPositions(model, noise, criteria=criteria))
+        everything = rollouts(motion, Simulator(model, motion.problem.simulator.step, criteria=criteria))
         of_baseline = np.isin(found.contest.recording, found.contest.baseline)
-        some = np.flatnonzero(of_baseline)
-        some = some[np.linspace(0, len(some) - 1, min(len(some), 120)).round().astype(int)]
-        problem = Problem(simulator, windows.take(some))
+        problem = everything.take(enough(np.flatnonzero(of_baseline)))
         refitted = minimise(problem, problem.start(), 15)
         refitted = minimise(problem, refitted.point.with_effects(*_usual(model)), 15)
         new = np.isin(found.contest.recording, found.contest.new)
-        after = Problem(simulator, windows.take(np.flatnonzero(new)))
+        after = everything.take(np.flatnonzero(new))
         start = replace(refitted, point=replace(refitted.point, variant=problem.start().variant))
         changed = _with_changes(refitted, [c.effect for c in found.changes])
         before = replay(after, refitted)
@@ -223,28 +171,17 @@ class _Rolled:
 
     def errors(self, found: Comparison) -> FitErrors:
         """Each half of the new recordings with sizes from the other one."""
-        corrected = rollout_error(self.before)
+        contest, corrected = found.contest, [self.before]
         if found.changes:
-            contest = found.contest
-            recording = contest.recording[self.new]
-            squares = number = 0.0
+            corrected, recording = [], contest.recording[self.new]
             for k in range(2):
                 test, sized = contest.new[k::2], contest.new[1 - k :: 2]
                 effects = [change.sized(contest, sized) for change in found.changes]
                 rows = np.flatnonzero(np.isin(recording, test))
-                fit = replay(self.before.problem.take(rows), _with_changes(self.refitted, effects))
-                there = np.isfinite(fit.problem.windows.measured).sum()
-                squares, number = squares + rollout_error(fit) ** 2 * there, number + there
-            corrected = float(np.sqrt(squares / number))
-        windows = self.before.problem.windows
-        seconds = float(np.median(windows.time[:, -1] - windows.time[:, 0]))
-        errors = rollout_error(self.nominal), rollout_error(self.before), corrected
-        return FitErrors(
-            f"root mean square of rollouts over {seconds:.2g} s with fitted initial states, on new recordings, each "
-            "half with sizes from the other",
-            error_unit(windows.observation.units),
-            *(round(1e3 * error, 4) for error in errors),
-        )
+                corrected.append(replay(self.before.problem.take(rows), _with_changes(self.refitted, effects)))
+        errors = [error_over(fits) for fits in ([self.nominal], [self.before], corrected)]
+        tested_on = "on new recordings, each half with sizes from the other"
+        return fit_errors(self.before.problem, tested_on, errors)
 
 
 def _usual(model: mujoco.MjModel) -> list[Effect]:

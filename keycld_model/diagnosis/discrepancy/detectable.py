@@ -7,14 +7,14 @@ import mujoco
 import numpy as np
 
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.comparison.candidates import Columns
-from keycld_model.diagnosis.comparison.changes import Candidate, Contest
-from keycld_model.diagnosis.comparison.checks import check_runs
-from keycld_model.diagnosis.comparison.motion import MOST, Motion
-from keycld_model.diagnosis.comparison.regression import regression
-from keycld_model.diagnosis.comparison.regressors import force_of, shared_terms
-from keycld_model.diagnosis.comparison.selection import between_runs
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
+from keycld_model.diagnosis.discrepancy.candidates import Columns
+from keycld_model.diagnosis.discrepancy.changes import Candidate, Contest
+from keycld_model.diagnosis.discrepancy.checks import check_runs
+from keycld_model.diagnosis.discrepancy.motion import MOST, Motion
+from keycld_model.diagnosis.discrepancy.regression import regression
+from keycld_model.diagnosis.discrepancy.regressors import force_of, shared_terms
+from keycld_model.diagnosis.discrepancy.selection import between_runs
 from keycld_model.diagnosis.inputs.checks import check
 from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.simulation.contacts import without_contacts

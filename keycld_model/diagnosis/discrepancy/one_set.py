@@ -1,7 +1,7 @@
 """What recordings lack of a simulator whose misfit is far above noise, with nothing to compare them with."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -10,30 +10,27 @@ from scipy.stats import t as student
 
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.comparison.candidates import Columns
-from keycld_model.diagnosis.comparison.missing import Group, Missing, Tried
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.outcome import MODEL_ERROR, unexplained_force
-from keycld_model.diagnosis.comparison.regression import robust_squares
-from keycld_model.diagnosis.comparison.regressors import Term, shared_terms
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.candidates import Columns
+from keycld_model.diagnosis.discrepancy.missing import Group, Missing, Tried
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.regression import robust_squares
+from keycld_model.diagnosis.discrepancy.regressors import Term, shared_terms
+from keycld_model.diagnosis.discrepancy.rollouts import enough, error_over, fit_errors, rollouts, unexplained
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.problem import Problem
-from keycld_model.diagnosis.estimation.replay import error_unit, replay, rollout_error
-from keycld_model.diagnosis.inputs.observation import JointPositions
+from keycld_model.diagnosis.estimation.replay import replay
 from keycld_model.diagnosis.output.words import headline
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.evidence import evidence
-from keycld_model.diagnosis.verdict.findings import estimate, nuisance_of
-from keycld_model.diagnosis.verdict.report import Finding, FitErrors, Report, Unexplained
+from keycld_model.diagnosis.verdict.findings import estimates, nuisance_of
+from keycld_model.diagnosis.verdict.report import Finding, FitErrors, Report
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
-WINDOWS = 120
-"""Windows of a fit at most."""
 RIGHT = 0.5
 """Share of such findings that are right: not counted yet, and taken for one half until it is."""
+LEFT = "Forces of {} are explained by nothing; what is found helps in all recordings beside them."
 
 
 def lacking(
@@ -65,14 +62,19 @@ def lacking(
     advance(20, "fitting what was found")
     if not sets:
         return None
-    best = sets[0]
-    rolled = _Rolled.of(motion, len(recordings), model, best.effects(), criteria)
+    rolled = _Rolled.of(motion, len(recordings), model, sets[0].effects(), criteria)
+    report = _report(missing, sets[0], sets[0].gained(none), rolled, model)
+    advance(30)
+    return report
+
+
+def _report(missing: Missing, best: Tried, gained: float, rolled: "_Rolled", model: mujoco.MjModel) -> Report:
+    """What the best set of effects, which gained so many nats, means."""
     findings = _findings(missing, best, rolled.corrected, model)
-    errors = rolled.errors
+    motion, errors, fits = rolled.motion, rolled.errors, (rolled.refitted, rolled.corrected)
     clear = min((f.family_confidence or 0.0) for f in findings) > RIGHT / 2
     verdict = "mismatch" if clear and errors.corrected < errors.refitted else "undetermined"
-    left = _unexplained(missing, errors, model)
-    advance(30)
+    left = unexplained(missing.motion, missing.discrepancy, errors, LEFT)
     return Report(
         verdict=verdict,
         headline=headline(verdict, findings, errors, left),
@@ -82,16 +84,14 @@ def lacking(
         fit=errors,
         held_out=[motion.windows.ids[r] for r in sorted(set(motion.windows.recording[rolled.tested]))],
         details={
-            "gain_nats": round(best.gained(none), 2),
+            "gain_nats": round(gained, 2),
             "folds": len(best.costs),
             "unexplained_force": missing.discrepancy.force.tolist(),
             "noise": motion.noise.tolist(),
             "windows": len(motion.windows),
             "step_s": motion.problem.simulator.step,
         },
-        evidence=evidence(
-            model, (rolled.refitted, rolled.corrected), (rolled.refitted, rolled.corrected), of_sensors=False
-        ),
+        evidence=evidence(model, fits, fits, of_sensors=False),
     )
 
 
@@ -115,42 +115,26 @@ def _far_above_noise(motion: Motion, terms: Sequence[Term], columns: Columns, cr
 
 def _findings(missing: Missing, best: Tried, fit: Fit, model: mujoco.MjModel) -> list[Finding]:
     """One per effect and place, as fitted to rollouts, with what does as well in its place."""
-    fitted, deviations = {e.key: e for e in fit.effects}, iter(_with_gaps(best))
-    by_regression = {e.key: e for e in best.effects()}
+    fitted, by_regression = {e.key: e for e in fit.effects}, {e.key: e for e in best.effects()}
+    deviations = {member.key: member.of_all_parameters(own) for member, _, own in best.members()}
     times, out = float(student.ppf(0.95, len(best.costs) - 1)), []
     for group in best.groups:
         alternatives = missing.alternatives(best, group)
         for member in group.members:
             effect, before = fitted[member.key], by_regression[member.key]
-            parameters = {}
-            for p in effect.parameters():
-                value, own = float(getattr(effect, p.name)), 0.0 if p.grid else next(deviations)
-                spread = np.hypot(own, value - float(getattr(before, p.name)))  # two ways to size it, which may differ
-                parameters[p.name] = estimate(effect, p, value, times * float(spread), model)
+            apart = [getattr(effect, p.name) - getattr(before, p.name) for p in effect.parameters()]
+            spreads = np.hypot(deviations[member.key], apart)  # two ways to size it, which may differ
             confidence, of_family, rivals = _rivals(effect, group, alternatives, missing.criteria)
             out.append(
-                Finding(
-                    effect=effect.id,
-                    family=effect.family,
-                    where={"kind": effect.kind, "name": effect.where},
-                    parameters=parameters,
-                    equation=effect.equation,
-                    confidence=round(RIGHT * confidence, 4),
-                    family_confidence=round(RIGHT * of_family, 4),
-                    rivals=[rival.id for rival in rivals],
-                    rivals_where=[{"kind": rival.kind, "name": rival.where} for rival in rivals],
+                Finding.of(
+                    effect,
+                    estimates(effect, times * spreads, model),
+                    RIGHT * confidence,
+                    [(rival.id, rival.kind, rival.where) for rival in rivals],
+                    family_confidence=RIGHT * of_family,
                 )
             )
     return out
-
-
-def _with_gaps(best: Tried) -> Iterator[float]:
-    """Deviations of the coefficients, without those of effects that are there or not."""
-    at, deviations = 0, best.deviations()
-    for group in best.groups:
-        for member in group.members:
-            yield from deviations[at : at + len(member.coefficients)]
-            at += max(1, len(member.coefficients))
 
 
 def _rivals(
@@ -170,25 +154,19 @@ def _rivals(
     return 1 / everything, same / everything, out
 
 
-def _unexplained(missing: Missing, errors: FitErrors, model: mujoco.MjModel) -> Unexplained:
-    """What is left."""
-    worst, sizes = unexplained_force(missing.motion, missing.discrepancy, model)
-    fraction = float(np.clip((errors.corrected / max(errors.refitted, 1e-12)) ** 2, 0, 1))
-    message = f"Forces of {sizes} are explained by nothing; what is found helps in all recordings beside them."
-    return Unexplained(True, round(fraction, 4), worst, message)
-
-
 @dataclass(frozen=True)
 class _Rolled:
     """Fits to rollouts over windows.
 
     Attributes:
+        motion: of the windows.
         refitted: masses, lengths and zeros alone.
         corrected: with what was found.
         errors: on recordings that parameters were not fitted to.
         tested: windows of these.
     """
 
+    motion: Motion
     refitted: Fit
     corrected: Fit
     errors: FitErrors
@@ -199,29 +177,19 @@ class _Rolled:
         cls, motion: Motion, recordings: int, model: mujoco.MjModel, effects: Sequence[Effect], criteria: Criteria
     ) -> "_Rolled":
         """With initial states fitted in every window."""
-        simulator = Simulator(model, motion.problem.simulator.step, criteria=criteria)
-        observation = JointPositions(model, np.maximum(motion.noise, MODEL_ERROR), criteria=criteria)
-        problem = Problem(simulator, replace(motion.windows, observation=observation))
+        problem = rollouts(motion, Simulator(model, motion.problem.simulator.step, criteria=criteria))
         recording, everything = motion.windows.recording, np.arange(len(motion.windows))
         new = everything[recording >= recordings]
         old = everything[recording < recordings]
         parts = [(old, new)] if len(new) else [(old[h], old[~h]) for h in _halves(recording[old])]
-        squares, count = np.zeros(3), 0
-        for learned, tested in parts:
-            part, fits = problem.take(_some(tested)), _fits(problem.take(_some(learned)), effects)
-            there = np.isfinite(part.windows.measured).sum()
-            squares += [rollout_error(replay(part, fit)) ** 2 * there for fit in fits]
-            count += there
-        _, refitted, corrected = _fits(problem.take(_some(old)), effects)
-        windows = problem.windows
-        seconds = float(np.median(windows.time[:, -1] - windows.time[:, 0]))
-        errors = FitErrors(
-            f"root mean square of rollouts over {seconds:.2g} s with fitted initial states, on recordings that "
-            "parameters were not fitted to",
-            error_unit(observation.units),
-            *(round(1e3 * float(error), 4) for error in np.sqrt(squares / count)),
-        )
-        return cls(refitted, corrected, errors, np.concatenate([tested for _, tested in parts]))
+        replayed = [
+            [replay(problem.take(enough(tested)), fit) for fit in _fits(problem.take(enough(learned)), effects)]
+            for learned, tested in parts
+        ]
+        _, refitted, corrected = _fits(problem.take(enough(old)), effects)
+        tested_on = "on recordings that parameters were not fitted to"
+        errors = fit_errors(problem, tested_on, [error_over(fits) for fits in zip(*replayed, strict=True)])
+        return cls(motion, refitted, corrected, errors, np.concatenate([tested for _, tested in parts]))
 
 
 def _halves(recording: Rows) -> list[NDArray[np.bool_]]:
@@ -229,11 +197,6 @@ def _halves(recording: Rows) -> list[NDArray[np.bool_]]:
     ids = np.unique(recording)
     half = np.isin(recording, ids[::2]) if len(ids) > 1 else np.arange(len(recording)) < len(recording) // 2
     return [half, ~half]
-
-
-def _some(rows: Rows) -> Rows:
-    """As many as are needed."""
-    return rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), WINDOWS)).round().astype(int))]
 
 
 def _fits(problem: Problem, effects: Sequence[Effect]) -> tuple[Fit, Fit, Fit]:

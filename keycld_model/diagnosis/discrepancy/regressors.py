@@ -26,8 +26,8 @@ from keycld_envs.effects import (
 from keycld_envs.effects.edited import resistance, torque_per_command
 from keycld_envs.effects.places import ActuatorEffect
 from keycld_envs.effects.transmission import TransmissionEffect
-from keycld_model.diagnosis.comparison.motion import Motion, inverse_dynamics
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
 from keycld_model.diagnosis.simulation.sampling import interpolated
 
 Array = NDArray[np.float64]
@@ -208,7 +208,7 @@ def _inertias(motion: Motion, criteria: Criteria, held: bool) -> list[Term]:
         out.append((name, *fall, spread))
     for dof in range(motion.model.nv):
         column = motion.answer(np.where(np.arange(motion.model.nv) == dof, -motion.a, 0.0))
-        spread = criteria.comparison_mass_spread * float(motion.model.dof_M0[dof])
+        spread = criteria.spreads.mass_beside_forces * float(motion.model.dof_M0[dof])
         out.append((f"rotor at {motion.model.joint(int(motion.model.dof_jntid[dof])).name}", column, column, spread))
     if not held:
         return [Term(name, column, spread) for name, column, _, spread in out]
@@ -236,7 +236,7 @@ def _with_other_inertias(model: mujoco.MjModel, criteria: Criteria) -> Iterator[
             numbers = getattr(after, field)
             if np.any(numbers[rows]):
                 numbers[rows] *= 1 + DIFFERENCE
-                yield f"{name} of {model.body(body).name}", times * criteria.comparison_mass_spread, after
+                yield f"{name} of {model.body(body).name}", times * criteria.spreads.mass_beside_forces, after
 
 
 def _needed(motion: Motion, model: mujoco.MjModel) -> tuple[Array, Array]:
@@ -252,5 +252,5 @@ def _zeros(motion: Motion, criteria: Criteria) -> list[Term]:
         q = motion.q.copy()
         q[..., joint] += little
         force = (motion.required - inverse_dynamics(model, q, motion.v, motion.a)) / little
-        out.append(Term(f"zero of {model.joint(joint).name}", motion.answer(force), criteria.zero_spread, zero=True))
+        out.append(Term(f"zero of {model.joint(joint).name}", motion.answer(force), criteria.spreads.zero, zero=True))
     return out

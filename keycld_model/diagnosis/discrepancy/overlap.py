@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_model.diagnosis.comparison.motion import Motion
+from keycld_model.diagnosis.discrepancy.motion import Motion
 
 
 @dataclass(frozen=True)

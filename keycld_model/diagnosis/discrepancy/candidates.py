@@ -9,9 +9,9 @@ from scipy.optimize import minimize_scalar
 
 from keycld_envs.effects import Effect
 from keycld_envs.effects.places import ActuatorEffect
-from keycld_model.diagnosis.comparison.changes import Candidate, Contest, Difference
-from keycld_model.diagnosis.comparison.motion import Motion
-from keycld_model.diagnosis.comparison.regressors import answer_of, can_be_tested
+from keycld_model.diagnosis.discrepancy.changes import Candidate, Contest, Difference
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.regressors import answer_of, can_be_tested
 from keycld_model.diagnosis.search.hypotheses import Hypothesis, hypotheses, recorded_range
 
 Array = NDArray[np.float64]
