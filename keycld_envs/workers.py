@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from types import FrameType
 from typing import Any, TypeVar
 
 from keycld_envs.errors import InputError
@@ -160,19 +161,31 @@ def _start_worker() -> None:
     threading.Thread(target=follow_parent, daemon=True).start()
 
 
-def _clean_up(*_: object) -> None:
+def _clean_up(number: int, frame: FrameType | None) -> None:
     """Leave what is being done, and this process."""
     threading.Timer(CLEANING / 2, os._exit, (143,)).start()
     sys.unraisablehook = _again
-    _end()
+    _end(number, frame)
 
 
-def _end(*_: object) -> None:
+def _end(_: int, frame: FrameType | None) -> None:
+    if _importing(frame):
+        _again()
+        return
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise SystemExit(143)
 
 
-def _again(_: object) -> None:
+def _again(*_: object) -> None:
     """Try to leave once more: in a callback of the garbage collector, say, exceptions are lost."""
     signal.signal(signal.SIGTERM, _end)
     threading.Timer(SOON, os.kill, (os.getpid(), signal.SIGTERM)).start()
+
+
+def _importing(frame: FrameType | None) -> bool:
+    """Whether a module is being imported; libraries in C++ abort if that ends half way."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False

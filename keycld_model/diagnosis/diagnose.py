@@ -13,10 +13,12 @@ from keycld_model.diagnosis.discrepancy.compare import compare
 from keycld_model.diagnosis.discrepancy.motion import MOST
 from keycld_model.diagnosis.discrepancy.one_set import lacking
 from keycld_model.diagnosis.discrepancy.outcome import report_of
+from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.replay import rollout_error
 from keycld_model.diagnosis.inputs.checks import check, check_apart
 from keycld_model.diagnosis.inputs.observation import JointPositions, Observation
 from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, split
+from keycld_model.diagnosis.inputs.ranges import Paths, beyond, notable
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.output.words import headline
 from keycld_model.diagnosis.search.budget import Budget
@@ -166,10 +168,18 @@ def _report(
         unexplained=left,
         fit=errors,
         held_out=[r.id for r in test],
+        beyond_training=_beyond(refitted, before),
         next_experiment=proposed,
         details=_details(explained, concluded, dropped),
         evidence=evidence(model, (refitted, concluded.fit), (rollouts.refitted, rollouts.corrected)),
     )
+
+
+def _beyond(learned: Fit, tested: Fit) -> dict[str, float]:
+    """Share of the time in which held-out recordings leave the range of those that were learned from, by channel."""
+    known, paths = (Paths(*fit.problem.path(fit.point)) for fit in (learned, tested))
+    found = beyond(learned.problem.simulator.model, known, paths)
+    return notable({channel: float(b.mean()) for channel, b in found.items()})
 
 
 def _prepared(

@@ -1,13 +1,12 @@
 """Refuses sets of recordings that cannot be compared."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.discrepancy.overlap import Overlap
 from keycld_model.diagnosis.inputs.prepare import spacing
 
 
@@ -56,12 +55,12 @@ def _equal(one: Recording, other: Recording) -> bool:
     return bool((one.qpos == other.qpos).all() and both_action and (one.action == other.action).all())
 
 
-def check_overlap(overlap: Sequence[Overlap]) -> None:
+def check_overlap(beyond: Mapping[str, float]) -> None:
     """Raise InputError if new recordings are nearly everywhere beyond the baseline."""
-    worst = max((o for o in overlap if not o.channel.startswith("command")), key=lambda o: o.share)
-    if worst.share > 0.8:
+    share, worst = max((share, channel) for channel, share in beyond.items() if not channel.startswith("command"))
+    if share > 0.8:
         raise InputError(
-            f"For {100 * worst.share:.0f} % of the time, the {worst.channel} in the recordings is beyond what the "
+            f"For {100 * share:.0f} % of the time, the {worst} in the recordings is beyond what the "
             "baseline has; excite both alike, so that they can be compared."
         )
 

@@ -13,7 +13,7 @@ from keycld_model.diagnosis.discrepancy.candidates import Columns
 from keycld_model.diagnosis.discrepancy.changes import Contest
 from keycld_model.diagnosis.discrepancy.checks import check_alike, check_enough, check_overlap
 from keycld_model.diagnosis.discrepancy.motion import Motion
-from keycld_model.diagnosis.discrepancy.overlap import Overlap, beyond_baseline, comparable
+from keycld_model.diagnosis.discrepancy.overlap import beyond_baseline, comparable
 from keycld_model.diagnosis.discrepancy.regression import Discrepancy, Mask, Regression, Solution, regression
 from keycld_model.diagnosis.discrepancy.regressors import Term, shared_terms
 from keycld_model.diagnosis.discrepancy.selection import Change, Ranked, Selection, between_runs
@@ -33,7 +33,7 @@ class Comparison:
         changes: accepted differences.
         next_best: the best that was not accepted.
         inconsistent: it gains in some of the new recordings only.
-        overlap: what new recordings have beyond the baseline.
+        beyond: share of the time in which new recordings leave the range of the baseline, by channel.
         discrepancy: that nothing explains.
         contest: in which changes were tested.
     """
@@ -44,7 +44,7 @@ class Comparison:
     changes: Sequence[Change]
     next_best: Ranked | None
     inconsistent: bool
-    overlap: Sequence[Overlap]
+    beyond: dict[str, float]
     discrepancy: Discrepancy
     contest: Contest
 
@@ -77,9 +77,10 @@ def compare(
     advance(0, "following the motion")
     motion = Motion.of([*baseline, *recordings], model, criteria)
     of_baseline = motion.windows.recording < len(baseline)
-    overlap = beyond_baseline(motion, of_baseline)
-    check_overlap(overlap)
-    within = comparable(motion, of_baseline)
+    anywhere = beyond_baseline(motion, of_baseline)
+    beyond = {channel: float(b[~of_baseline].mean()) for channel, b in anywhere.items()}
+    check_overlap(beyond)
+    within = comparable(anywhere, of_baseline)
     check_enough(within & ~of_baseline, ~of_baseline)
     advance(20, "columns of all effects")
     terms, columns = shared_terms(motion, criteria), Columns.of(motion)
@@ -97,7 +98,7 @@ def compare(
     contest = selection.contest
     common = _common(contest.regression, terms, of_baseline)
     advance(10)
-    return Comparison(motion, terms, common, changes, next_best, inconsistent, overlap, selection.discrepancy, contest)
+    return Comparison(motion, terms, common, changes, next_best, inconsistent, beyond, selection.discrepancy, contest)
 
 
 def _common(found: Regression, terms: Sequence[Term], of_baseline: Mask) -> Solution:

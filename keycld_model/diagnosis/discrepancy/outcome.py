@@ -16,6 +16,7 @@ from keycld_model.diagnosis.discrepancy.selection import Change
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.replay import replay
+from keycld_model.diagnosis.inputs.ranges import notable
 from keycld_model.diagnosis.output.words import changed_headline, in_sentence
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.evidence import evidence
@@ -55,7 +56,7 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
         held_out=list(dict.fromkeys(found.motion.windows.ids[r] for r in found.motion.windows.recording[rolled.new])),
         baseline=list(ids),
         common=_common(found, model, runs),
-        beyond_baseline={o.channel: round(o.share, 4) for o in found.overlap if o.share > 0.02},
+        beyond_baseline=notable(found.beyond),
         details=_details(found, rolled.refitted),
         evidence=evidence(model, (rolled.before, rolled.after), (rolled.before, rolled.after), of_sensors=False),
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_model.diagnosis.estimation.belief import Belief
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.initial_states import improve_worst
 from keycld_model.diagnosis.estimation.linearisation import Linearisation, huber
@@ -66,6 +67,12 @@ def minimise(
     return Fit(problem, point, cost, hessian)
 
 
+def learned(fit: Fit) -> Belief:
+    """What a fit tells of nuisances and parameters of effects, for other recordings."""
+    linear, _ = fit.problem.linearise(fit.point)
+    return Belief.of(fit.point.variant, _Normal.of(fit.problem, fit.point, linear, only_states=False).hessian)
+
+
 @dataclass(frozen=True)
 class _Normal:
     """Normal equations of the shared parameters.
@@ -95,8 +102,12 @@ class _Normal:
         residual = weighted.project(weighted.residual[..., None])[..., 0]
         hessian = np.tensordot(shared, shared, axes=([0, 1], [0, 1]))
         gradient = np.tensordot(shared, residual, axes=([0, 1], [0, 1]))
-        hessian[np.arange(n), np.arange(n)] += problem.spreads**-2
-        gradient[:n] -= point.variant.values / problem.spreads**2
+        if (belief := problem.belief) is None:
+            hessian[np.arange(n), np.arange(n)] += problem.spreads**-2
+            gradient[:n] -= point.variant.values / problem.spreads**2
+        else:
+            hessian[:hidden, :hidden] += belief.precision
+            gradient[:hidden] -= belief.precision @ belief.away(point.variant)
         offsets, spread = point.variant.recording_offsets, point.fitted_recording_spreads
         if len(spread) and offsets is not None:
             spread = np.tile(spread, len(offsets))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.estimation.belief import Belief
 from keycld_model.diagnosis.estimation.linearisation import Linearisation, huber
 from keycld_model.diagnosis.estimation.parameters import effect_parameters, with_parameter
 from keycld_model.diagnosis.estimation.point import Point
@@ -27,10 +28,13 @@ class Problem:
     Attributes:
         simulator: of the mechanism.
         windows: of the recordings.
+        belief: what is known of nuisances and parameters of effects from other recordings; None for the nuisances'
+            spreads.
     """
 
     simulator: Simulator
     windows: Windows
+    belief: Belief | None = None
 
     @property
     def criteria(self) -> Criteria:
@@ -118,7 +122,13 @@ class Problem:
         """Nats of nuisances, and of hidden states at the starts of recordings."""
         offsets = point.variant.recording_offsets
         hidden = 0.0 if offsets is None else offsets / recording_spreads(point.effects)
-        return 0.5 * float(np.sum((point.variant.values / self.spreads) ** 2) + np.sum(hidden**2))
+        return self.prior_of_shared(point) + 0.5 * float(np.sum(hidden**2))
+
+    def prior_of_shared(self, point: Point) -> float:
+        """Nats of nuisances, and of parameters of effects where something is known of them."""
+        if self.belief is not None:
+            return self.belief.cost(point.variant)
+        return 0.5 * float(np.sum((point.variant.values / self.spreads) ** 2))
 
     def linearise(
         self, point: Point, extra: Sequence[tuple[Effect, ...]] = (), only_states: bool = False

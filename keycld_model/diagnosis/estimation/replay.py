@@ -1,10 +1,12 @@
 """Fits tried on recordings that they have not seen."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_model.diagnosis.estimation.fit import Fit
-from keycld_model.diagnosis.estimation.gauss_newton import minimise
+from keycld_model.diagnosis.estimation.gauss_newton import learned, minimise
 from keycld_model.diagnosis.estimation.point import Point
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.estimation.pulses import with_pulses
@@ -24,9 +26,17 @@ def replay(problem: Problem, fit: Fit, iterations: int = 8, pulses: tuple[Pulse,
     return with_pulses(tried, joints, only_states=True) if joints and not pulses else tried
 
 
-def likelihood(fit: Fit) -> float:
-    """Logarithm of the likelihood without the prior of nuisances, nats up to a constant."""
-    return 0.5 * float(np.sum((fit.point.variant.values / fit.problem.spreads) ** 2)) - fit.cost
+def predict(problem: Problem, fit: Fit) -> Fit:
+    """A fit on other recordings, nuisances and parameters of effects free as far as its own recordings leave them."""
+    replayed = replay(problem, fit)
+    return minimise(replace(problem, belief=learned(fit)), replayed.point)
+
+
+def predicted(fit: Fit) -> float:
+    """Logarithm of the probability of recordings by what others tell, see `predict`, nats up to a constant."""
+    belief = fit.problem.belief
+    assert belief is not None
+    return belief.narrowed(fit.hessian) - fit.cost
 
 
 def rollout_error(fit: Fit) -> float:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
@@ -12,6 +13,8 @@ from keycld_model.diagnosis.inputs.observation import Observation
 
 CLOSEST = 0.009
 """Seconds between samples, at least; of faster recordings only some samples are used."""
+DRIVEN = 0.25
+"""Commands over the strongest ones, root mean square, from which a recording is driven as these are."""
 
 
 def split(
@@ -19,6 +22,8 @@ def split(
 ) -> tuple[list[Recording], list[Recording]]:
     """Training and held-out recordings: every third in the order of their speed; of a single one, its last third.
 
+    Passive and driven recordings are split by themselves, and a single one of a kind is learned from: what only
+    held-out ones excite, such as the common factor of masses and forces, would be tested without having been learned.
     The clock of that third goes on from the start of the recording, whose first part has no positions any more.
 
     Args:
@@ -31,9 +36,20 @@ def split(
     """
     if len(recordings) == 1:
         return _in_time(recordings[0], samples)
-    speed = [np.nanmean(np.abs(np.diff(observation.measured(r), axis=0))) for r in recordings]
-    order = [recordings[i] for i in np.argsort(speed, kind="stable")]
-    return [r for i, r in enumerate(order) if i % 3 != 1], order[1::3]
+    speed = [float(np.nanmean(np.abs(np.diff(observation.measured(r), axis=0)))) for r in recordings]
+    driven = _driven(recordings)
+    kinds = [sorted(np.flatnonzero(kind), key=speed.__getitem__) for kind in (driven, ~driven)]
+    test = {i for kind in kinds for i in kind[1::3]}
+    if not test:  # one of each
+        test = {int(np.argmax(speed))}
+    learned = [r for i, r in enumerate(recordings) if i not in test]
+    return learned, [recordings[i] for i in sorted(test)]
+
+
+def _driven(recordings: Sequence[Recording]) -> NDArray[np.bool_]:
+    """Which recordings have commands of the size of the strongest ones."""
+    size = np.array([0.0 if r.action is None else np.sqrt(np.mean(np.square(r.action))) for r in recordings])
+    return size > DRIVEN * size.max()
 
 
 def _in_time(whole: Recording, samples: int) -> tuple[list[Recording], list[Recording]]:

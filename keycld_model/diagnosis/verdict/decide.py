@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from keycld_model.diagnosis.estimation.fit import Fit
-from keycld_model.diagnosis.estimation.replay import likelihood, rollout_error
+from keycld_model.diagnosis.estimation.replay import predicted, rollout_error
 from keycld_model.diagnosis.search.criterion import dispersion
 from keycld_model.diagnosis.search.explain import Explanation
 from keycld_model.diagnosis.search.residual_fit import ROUNDS, fit_residual_force, lengthened, residual_force_of
@@ -46,7 +46,7 @@ def decide_on_named(explained: Explanation, found: list[Finding], before: Fit, h
         held_out: recordings.
     """
     after, criteria = held_out.short(explained.best.fit), before.problem.criteria
-    nats = (likelihood(after) - likelihood(before)) / explained.search.dispersion
+    nats = (predicted(after) - predicted(before)) / explained.search.dispersion
     if not found or explained.gain <= criteria.doubtful:
         return Conclusion("no_mismatch", explained.refitted, before, [], nats)
     sure = explained.gain > criteria.certain and nats > 0
@@ -66,8 +66,8 @@ def decide_on_residual(named: Conclusion, explained: Explanation, held_out: Held
     alone = explained.residual or fit_residual_force(refitted, rounds)
     beside = alone if named.fit is refitted else fit_residual_force(named.fit, rounds)
     tested = [held_out.short(fit) for fit in (beside, alone)]
-    with_named, in_place = (likelihood(fit) if residual_force_of(fit) else -np.inf for fit in tested)
-    without = likelihood(named.tested)
+    with_named, in_place = (predicted(fit) if residual_force_of(fit) else -np.inf for fit in tested)
+    without = predicted(named.tested)
     factor = min(explained.search.dispersion, dispersion(beside), dispersion(alone))
     least = criteria.residual_force
     extra = (max(with_named, in_place) - without) / factor

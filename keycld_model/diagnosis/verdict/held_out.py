@@ -8,7 +8,7 @@ import numpy as np
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.problem import Problem
-from keycld_model.diagnosis.estimation.replay import replay
+from keycld_model.diagnosis.estimation.replay import predict, replay
 from keycld_model.diagnosis.inputs.windows import cut
 
 
@@ -53,8 +53,8 @@ class HeldOut:
         return replace(self.rollouts, windows=windows.recut(samples=samples))
 
     def short(self, fit: Fit) -> Fit:
-        """A fit on windows."""
-        return replay(self.windows, fit)
+        """A fit on windows, nuisances and parameters free as far as the other recordings leave them."""
+        return predict(self.windows, fit)
 
     def long(self, fit: Fit) -> Fit:
         """A fit on long rollouts, with the pulses of the windows: their times are found best there; once."""

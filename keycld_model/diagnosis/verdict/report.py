@@ -163,6 +163,8 @@ class Report:
         common: of a comparison, what both sets have that the simulator lacks; it is not the question, and less certain.
         beyond_baseline: of a comparison, share of the time in which new recordings leave the range of the baseline, by
             channel, such as "speed of elbow".
+        beyond_training: the same of held-out recordings and those that were learned from. What only they excite tests
+            nothing that was learned.
         details: of the fits.
         evidence: models, rollouts and residuals, for the page and the corrected model; not part of `to_dict`.
     """
@@ -179,6 +181,7 @@ class Report:
     baseline: list[str] = field(default_factory=list)
     common: list[Finding] = field(default_factory=list)
     beyond_baseline: dict[str, float] = field(default_factory=dict)
+    beyond_training: dict[str, float] = field(default_factory=dict)
     details: dict[str, Any] = field(default_factory=dict)
     evidence: Evidence | None = field(default=None, repr=False, compare=False)
 

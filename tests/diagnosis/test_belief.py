@@ -1,0 +1,68 @@
+"""What recordings leave open is open where it is tested on others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants import problem_of, recordings
+
+from keycld_envs.effects import ViscousFriction
+from keycld_envs.systems import get_system
+from keycld_model.diagnosis.estimation.belief import Belief
+from keycld_model.diagnosis.estimation.gauss_newton import learned, minimise
+from keycld_model.diagnosis.estimation.replay import predict, predicted, replay
+from keycld_model.diagnosis.inputs.observation import JointPositions
+from keycld_model.diagnosis.inputs.prepare import split
+from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.simulation.variant import Variant
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """One third of them is passive."""
+    return recordings("pendulum", 3, errors=0.2, number=12, seconds=2.0)
+
+
+@pytest.fixture(scope="module")
+def passive(runs):
+    return runs[::3]
+
+
+@pytest.fixture(scope="module")
+def driven(runs):
+    return runs[2:6:3]
+
+
+def fitted(runs, *effects):
+    problem = problem_of(Simulator(get_system("pendulum").compile(), 0.01), runs)
+    return minimise(problem, problem.start().with_effects(*effects), 20)
+
+
+def test_a_driven_recording_mends_what_passive_ones_leave_open(passive, driven):
+    fit, other = fitted(passive), fitted(driven).problem
+    assert fit.chi_square < 1.3 < replay(other, fit).chi_square
+    told = predict(other, fit)
+    assert told.chi_square < 1.3
+    assert predicted(told) > -replay(replace(other, belief=learned(fit)), fit).cost
+
+
+def test_what_is_open_helps_no_effect_that_is_not_there(passive, driven):
+    other = fitted(driven).problem
+    without, spurious = (predicted(predict(other, fitted(passive, *e))) for e in ((), (ViscousFriction("hinge", 0.0),)))
+    assert spurious < without + 3.0
+
+
+def test_a_belief_is_sharpened_by_what_others_tell():
+    variant, known = Variant(np.zeros(2)), np.diag([4.0, 0.01])
+    belief = Belief.of(variant, known)
+    assert belief.cost(Variant(np.array([1.0, 1.0]))) == pytest.approx(0.5 * 4.01)
+    assert belief.narrowed(known) == pytest.approx(0.0)
+    assert belief.narrowed(known + np.diag([0.0, 0.99])) == pytest.approx(0.5 * np.log(0.01))
+
+
+def test_the_only_driven_recording_is_learned_from(passive, driven):
+    runs = [*passive[:3], driven[0], *passive[3:]]
+    training, test = split(runs, JointPositions(get_system("pendulum").compile()), 40)
+    assert any(r is driven[0] for r in training) and len(test) == 1
+    two, one = split([passive[0], driven[0]], JointPositions(get_system("pendulum").compile()), 40)
+    assert len(two) == len(one) == 1
