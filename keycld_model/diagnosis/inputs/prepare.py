@@ -38,7 +38,7 @@ def split(
         return _in_time(recordings[0], samples)
     speed = [float(np.nanmean(np.abs(np.diff(observation.measured(r), axis=0)))) for r in recordings]
     driven = _driven(recordings)
-    kinds = [sorted(np.flatnonzero(kind), key=speed.__getitem__) for kind in (driven, ~driven)]
+    kinds = [sorted(map(int, np.flatnonzero(kind)), key=speed.__getitem__) for kind in (driven, ~driven)]
     test = {i for kind in kinds for i in kind[1::3]}
     if not test:  # one of each
         test = {int(np.argmax(speed))}
