@@ -148,3 +148,28 @@ def test_joints_without_motors_are_refused():
     with pytest.raises(InputError, match="'shoulder', which has no motor"):
         conceal(passive, model, e.ViscousFriction("shoulder", b=0.1))
     assert conceal(passive, model, e.ViscousFriction("elbow", b=0.1)).hidden[1] > 0
+
+
+@pytest.mark.parametrize(
+    "change, named",
+    [
+        ({"qpos": np.zeros((5, 2)), "t_state": TIMES[:5]}, "10"),
+        ({"qpos": np.zeros((SAMPLES, 3)), "joint_names": ("a", "b", "c")}, "3 joints"),
+        ({"action": None, "t_action": None}, "viscous_friction"),
+        ({"action": np.zeros((SAMPLES, 3)), "actuator_names": ("a", "b", "c")}, "3 actions"),
+    ],
+)
+def test_recordings_that_do_not_suit_are_refused(change, named):
+    with pytest.raises(InputError, match=named):
+        conceal(replace(recorded(), **change), mujoco.MjModel.from_xml_string(ARM), e.ViscousFriction("elbow", b=0.1))
+
+
+def test_measured_speeds_are_taken_for_speeds():
+    """A recording that says it moved twice as fast hides twice the friction."""
+    model, recording, friction = mujoco.MjModel.from_xml_string(ARM), recorded(), e.ViscousFriction("elbow", b=0.1)
+    speeds = np.gradient(np.asarray(recording.qpos), TIMES, axis=0)
+    units = {**recording.units, "qvel": "rad/s"}
+    measured = [replace(recording, qvel=k * speeds, units=units) for k in (1, 2)]
+    once, twice = (conceal(r, model, friction).hidden[1] for r in measured)
+    assert once == pytest.approx(0.1 * np.sqrt(np.mean(speeds[:, 1] ** 2)), rel=0.01)
+    assert twice == pytest.approx(2 * once)

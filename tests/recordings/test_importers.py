@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,16 @@ from scipy import io
 from keycld_control.cli import main
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import read_recording
-from keycld_envs.recordings.importers import Columns, Table, assemble, read_csv, read_json_log, read_mat
+from keycld_envs.recordings.importers import (
+    Columns,
+    Table,
+    assemble,
+    is_epos,
+    read_csv,
+    read_epos,
+    read_json_log,
+    read_mat,
+)
 
 COLUMNS = Columns("t", {"hinge": "angle"}, {"hinge": "speed"}, {"motor": "torque"})
 
@@ -254,6 +264,20 @@ def test_epos_tells_its_units_and_a_speed_is_added_up(tmp_path: Path, capsys: py
     (tmp_path / "drive.csv").write_bytes(EPOS.replace("ms;rpm;%", "x;y;z").encode())
     assert main(["import", str(tmp_path / "drive.csv"), "--out", str(tmp_path / "no"), *words]) == 2
     assert "no line of units" in capsys.readouterr().err
+
+
+def test_what_is_no_text_was_not_written_by_epos(tmp_path: Path) -> None:
+    (tmp_path / "drive.csv").write_bytes(b"Date:;\xff\xfe\n")
+    assert not is_epos(tmp_path / "drive.csv") and not is_epos(tmp_path / "none.csv")
+    for name in ("drive.csv", "none.csv"):
+        with pytest.raises(InputError, match=name):
+            read_epos(tmp_path / name)
+
+
+@pytest.mark.parametrize("wrong", [{"time": 3}, {"joints": ["q"]}, {"units": {"q": 1}}])
+def test_columns_are_named_by_words(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        Columns(**{"time": "t", "joints": {"hinge": "q"}} | wrong)
 
 
 def test_a_speed_with_gaps_is_not_added_up() -> None:

@@ -130,6 +130,10 @@ def test_a_write_killed_in_the_middle_leaves_no_recording_and_is_repeated(tmp_pa
         ({"units": {"action": "N", "qpos": "rad"}}, "qvel has no unit"),
         ({"units": {"action": "N", "qpos": ("rad",), "qvel": "rad/s"}}, "units.qpos in meta.json has 1"),
         ({"camera": {"width": 12}}, "camera.height is None"),
+        ({"camera": 12}, "camera is 12"),
+        ({"units": "rad"}, "units is 'rad'"),
+        ({"seed": True}, "seed is True"),
+        ({"system": 3}, "system is 3"),
     ],
 )
 def test_a_wrong_recording_cannot_be_made(make_recording: Make, changes: dict[str, Any], message: str) -> None:

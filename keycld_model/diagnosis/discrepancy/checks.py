@@ -11,16 +11,14 @@ from keycld_model.diagnosis.inputs.prepare import spacing
 
 
 def check_alike(recordings: Sequence[Recording], baseline: Sequence[Recording]) -> None:
-    """Raise InputError if a baseline does not suit recordings, with both named."""
+    """Raise InputError if a baseline does not suit recordings of the same simulator, with both named."""
     check_runs(len(baseline))
     new, old = recordings[0], baseline[0]
-    for field in ("joint_names", "actuator_names"):
-        ours, theirs = (tuple(getattr(r, field)) for r in (new, old))
-        if ours != theirs:
-            raise InputError(
-                f"Recording {new.id!r} has the {field} {list(ours)}, the baseline {old.id!r} has {list(theirs)}; "
-                "compare recordings of the same joints and actuators, in the same order."
-            )
+    if new.actuator_names != old.actuator_names:
+        raise InputError(
+            f"Recording {new.id!r} has the actuator_names {list(new.actuator_names)}, the baseline {old.id!r} has "
+            f"{list(old.actuator_names)}; compare recordings of the same actuators, in the same order."
+        )
     for signal in ("qpos", "action"):
         ours, theirs = (r.units.get(signal) for r in (new, old))
         if ours != theirs and None not in (ours, theirs):
@@ -49,10 +47,7 @@ def check_runs(number: int) -> None:
 
 
 def _equal(one: Recording, other: Recording) -> bool:
-    if one.qpos is None or other.qpos is None or one.qpos.shape != other.qpos.shape:
-        return False
-    both_action = one.action is not None and other.action is not None and one.action.shape == other.action.shape
-    return bool((one.qpos == other.qpos).all() and both_action and (one.action == other.action).all())
+    return all(np.array_equal(np.asarray(getattr(one, x)), np.asarray(getattr(other, x))) for x in ("qpos", "action"))
 
 
 def check_overlap(beyond: Mapping[str, float]) -> None:

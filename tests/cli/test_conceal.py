@@ -1,0 +1,84 @@
+"""`keycld conceal`: what it writes, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from keycld_control.cli import main
+from keycld_envs.recordings import Recording, read_dataset, write_recording
+from keycld_envs.systems import get_system
+
+T = 0.01 * np.arange(150)
+FRICTION = ("--effect", "viscous_friction", "--at", "hinge")
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> str:
+    """Two recordings of a pendulum that swings by sines, with commands of zero."""
+    for name in ("a", "b"):
+        recording = Recording(
+            id=name,
+            source="simulation",
+            system="KeyCLD/Pendulum-v0",
+            joint_names=("hinge",),
+            actuator_names=("motor",),
+            units={"action": "1", "qpos": "rad"},
+            t_action=T,
+            action=np.zeros((len(T), 1)),
+            t_state=T,
+            qpos=np.sin(4 * T)[:, None],
+        )
+        write_recording(tmp_path / "data" / name, recording)
+    return str(tmp_path / "data")
+
+
+def test_commands_hide_friction_in_the_recordings_that_were_named(
+    data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["conceal", data, *FRICTION, "--set", "b=0.2", "--only", "b", "--out", str(out), "--json"]) == 0
+    truth = json.loads((out / "concealed.json").read_text())
+    assert truth == json.loads(capsys.readouterr().out)
+    assert (truth["effect"], truth["parameters"], truth["recordings"]) == ("viscous_friction", {"b": 0.2}, ["b"])
+    as_it_was, concealed = read_dataset(out).recordings
+    gear, speed = get_system("pendulum").compile().actuator_gear[0, 0], 4 * np.cos(4 * T)
+    assert truth["hidden_rms"]["hinge"] == pytest.approx(0.2 * np.sqrt(np.mean(speed**2)), rel=0.05)
+    assert not np.any(as_it_was.action)
+    inside = slice(10, -10)  # positions are made smooth to see speeds, worst at the ends
+    assert np.asarray(concealed.action)[inside, 0] == pytest.approx(0.2 * speed[inside] / gear, abs=0.05)
+    assert np.array_equal(np.asarray(concealed.qpos), np.asarray(as_it_was.qpos))
+
+
+def test_all_recordings_by_default_and_a_table(data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert main(["conceal", data, *FRICTION, "--set", "b=0.2", "--out", str(out)]) == 0
+    assert all(np.any(r.action) for r in read_dataset(out).recordings)
+    assert "viscous_friction at hinge" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "words, named",
+    [
+        (("--effect", "glue", "--at", "hinge"), "'glue'"),
+        (("--effect", "viscous_friction", "--at", "knee"), "'knee'"),
+        ((*FRICTION, "--set", "c=0.1"), "'c'"),
+        ((*FRICTION, "--set", "b=much"), "b=much"),
+        ((*FRICTION, "--set", "b"), "'b'"),
+        ((*FRICTION, "--set", "b=-1"), "b=-1"),
+        ((*FRICTION, "--set", "b=0.1", "--only", "c"), "'c'"),
+    ],
+)
+def test_what_cannot_be_concealed_is_refused_by_name(
+    data: str, words: tuple[str, ...], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["conceal", data, *words, "--out", str(tmp_path / "out")]) == 2
+    assert named in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_there_already_stays(data: str, tmp_path: Path) -> None:
+    before = sorted(p.name for p in Path(data).iterdir())
+    assert main(["conceal", data, *FRICTION, "--set", "b=0.2", "--out", data]) == 2
+    assert sorted(p.name for p in Path(data).iterdir()) == before
