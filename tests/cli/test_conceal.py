@@ -10,7 +10,7 @@ from keycld_control.cli import main
 from keycld_envs.recordings import Recording, read_dataset, write_recording
 from keycld_envs.systems import get_system
 
-T = 0.01 * np.arange(150)
+T = 0.01 * np.arange(150, dtype=np.float64)
 FRICTION = ("--effect", "viscous_friction", "--at", "hinge")
 
 
