@@ -107,6 +107,9 @@ def test_few_recordings_are_parted_in_time() -> None:
         begun = motion.windows.begun[rows]
         assert len(set(motion.windows.recording[rows])) == 1
         assert np.all(np.diff(begun) > 0) and np.ptp(begun) < 1.1  # s, of 3
-    (best, *_), none = missing.search()
+    (best, *_), none = missing.search(lambda what: False)
     assert best.gained(none) > STANDARD.certain
     assert {effect.family for effect in best.effects()} == {"dissipation"}
+    asked: list[str] = []
+    hasty, _ = missing.search(lambda what: not asked.append(what))
+    assert asked == ["sets of 2 effects"] and {len(tried.groups) for tried in hasty} == {1}

@@ -5,7 +5,7 @@ as large as they are beside everything that might be missing, whatever is tried.
 such as dry friction, is tried at all joints at once, too, since one alone is of no use where both are missing.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -139,11 +139,17 @@ class Missing:
         fold = _folds(motion)
         return cls(motion, white, found.precision[own], fold, groups, discrepancy, criteria, found.freedom)
 
-    def search(self) -> tuple[list[Tried], Tried]:
-        """The best sets of effects, the very best first, and none at all."""
+    def search(self, no_time: Callable[[str], bool]) -> tuple[list[Tried], Tried]:
+        """The best sets of effects, the very best first, and none at all.
+
+        Args:
+            no_time: asked before each further effect whether there is no time for what is named.
+        """
         none = self._tried([()], ())[0]
         kept, accepted = [none], []
-        for _ in range(self.criteria.sizes.effects):
+        for number in range(self.criteria.sizes.effects):
+            if number and no_time(f"sets of {number + 1} effects"):
+                break
             following: dict[frozenset[Key], Tried] = {}
             for before in kept:
                 for tried in self._continued(before):

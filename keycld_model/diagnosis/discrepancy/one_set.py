@@ -39,6 +39,7 @@ def lacking(
     model: mujoco.MjModel,
     criteria: Criteria,
     advance: Callable[..., None],
+    no_time: Callable[[str], bool],
 ) -> Report | None:
     """The report of what helps in all recordings; None if they are not far above noise, or nothing does.
 
@@ -48,6 +49,7 @@ def lacking(
         model: the simulator.
         criteria: thresholds.
         advance: of a progress bar of 100 steps.
+        no_time: asked before each step that can be left out whether there is no time for what is named.
     """
     advance(0, "following the motion")
     motion = Motion.of([*recordings, *held_out], model, criteria)
@@ -58,7 +60,7 @@ def lacking(
     advance(20, "what nothing explains")
     missing = Missing.of(learned, terms, columns, criteria)
     advance(30, "what helps in all recordings")
-    sets, none = missing.search()
+    sets, none = missing.search(no_time)
     advance(20, "fitting what was found")
     if not sets:
         return None
