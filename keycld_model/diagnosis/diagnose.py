@@ -112,7 +112,7 @@ def _lacking(
     bare = without_contacts(model, [*training, *test], observation)
     if encoders:
         with progress("Weighing the misfit", total=100) as advance:
-            report = lacking(recordings, held_out, bare, criteria, advance, spending.leaves_out)
+            report = lacking(recordings, held_out, bare, criteria, advance, budget.leaves_out)
         if report is not None:
             return report
     with progress("Diagnosing", total=100) as advance:
