@@ -26,6 +26,7 @@ from keycld_envs.effects.external_periodic import ExternalPeriodic as ExternalPe
 from keycld_envs.effects.external_pulse import ExternalPulse as ExternalPulse
 from keycld_envs.effects.friction_drift import FrictionDrift as FrictionDrift
 from keycld_envs.effects.gain_drift import GainDrift as GainDrift
+from keycld_envs.effects.gear_friction import GearFriction as GearFriction
 from keycld_envs.effects.gravity_tilt import GravityTilt as GravityTilt
 from keycld_envs.effects.hysteretic_friction import HystereticFriction as HystereticFriction
 from keycld_envs.effects.joint_flexibility import JointFlexibility as JointFlexibility
@@ -43,7 +44,8 @@ EFFECTS: dict[str, type[Effect]] = {
     for kind in tuple(globals().values())
     if isinstance(kind, type) and issubclass(kind, Effect) and kind is not Effect
 }
-"""All effects that are imported here, by file. Drifts of different parameters have one id, and so have added masses."""
+"""All effects that are imported here, by file. Drifts of different parameters have one id, so have added masses, and friction
+that depends on a load."""
 
 
 def effect_class(id: str, kind: str) -> type[Effect] | None:

@@ -12,6 +12,7 @@ import numpy as np
 from keycld_envs.checks import short
 from keycld_envs.constants import update_constants
 from keycld_envs.effects.base import Array, Effect
+from keycld_envs.effects.edited import actuator_torque
 from keycld_envs.effects.load_dependent_friction import bearing_force
 from keycld_envs.effects.places import add_friction
 from keycld_envs.errors import InputError
@@ -75,8 +76,10 @@ class AddedPhysics:
 
     def _set_friction(self, effect: Effect, q: Array, v: Array, u: Array) -> None:
         """Set dry friction for the next step; there is none below zero."""
-        (dof, _), friction = effect.slot(self.model), self.model.dof_frictionloss
+        (dof, motor), friction = effect.slot(self.model), self.model.dof_frictionloss
         load = partial(bearing_force, self.model, effect.where, q, v, u)
+        if motor >= 0:
+            load = partial(actuator_torque, self.model, motor, q[dof], v[dof], u)
         more = effect.dry_friction(q[dof], v[dof], load)
         friction[dof] = max(0.0, friction[dof] + (0.0 if more is None else float(more)))
 

@@ -239,7 +239,13 @@ class Effect(ABC):
         return None, memory
 
     def dry_friction(self, q: Array, v: Array, load: Callable[[], Array]) -> Array | None:
-        """Dry friction beyond the friction loss of its joint, N m or N, and in its bearing's force, N; all `[...]`."""
+        """Dry friction beyond the friction loss of its joint, N m or N, all `[...]`.
+
+        Args:
+            q: position of its joint, rad or m.
+            v: velocity.
+            load: gives the force in its bearing, N; of an effect at an actuator, the torque of that, N m or N.
+        """
         return None
 
     def base_acceleration(self, t: Array) -> Array | None:

@@ -41,3 +41,11 @@ def torque_per_command(model: mujoco.MjModel) -> Array:
             dof = int(model.jnt_dofadr[model.actuator_trnid[i, 0]])
             out[dof, i] = model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0]
     return out
+
+
+def actuator_torque(model: mujoco.MjModel, i: int, q: Array, v: Array, u: Array) -> Array:
+    """Torque `[...]` of actuator i at its joint, at positions and velocities `[...]` of it, for commands `[..., nu]`."""
+    gear, (b0, b1, b2) = model.actuator_gear[i, 0], model.actuator_biasprm[i, :3]
+    told = np.clip(u[..., i], *model.actuator_ctrlrange[i]) if model.actuator_ctrllimited[i] else u[..., i]
+    torque = model.actuator_gainprm[i, 0] * told + b0 + gear * (b1 * q + b2 * v)
+    return gear * (np.clip(torque, *model.actuator_forcerange[i]) if model.actuator_forcelimited[i] else torque)

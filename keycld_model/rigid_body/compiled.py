@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 
 from keycld_model.rigid_body.effects import EffectSlots, residual_numbers
 from keycld_model.rigid_body.engine import Copies
-from keycld_model.rigid_body.equations import TreeNumbers, acceleration, balance, bearing_force, motor_torque
+from keycld_model.rigid_body.equations import (
+    TreeNumbers,
+    acceleration,
+    actuator_torque,
+    balance,
+    bearing_force,
+    motor_torque,
+)
 from keycld_model.rigid_body.friction import exact_stiction
 from keycld_model.rigid_body.residual_force import AnyArray
 from keycld_model.rigid_body.scalars import Traced
@@ -173,7 +180,8 @@ def _program(tree: RigidBodyTree, slots: EffectSlots) -> Program:
             if slots.slots:
                 bodies, gravity = effects.surroundings(own.bodies, own.gravity, middle)
                 bearing = bearing_force(tree, own, half_q, half_v, u)
-                friction = effects.dry_friction(own.friction, half_q, half_v, bearing)
+                motor = actuator_torque(tree, own, half_q, half_v, u)
+                friction = effects.dry_friction(own.friction, half_q, half_v, bearing, motor)
                 here = own._replace(bodies=bodies, gravity=gravity, friction=friction)
                 force, memory = effects.forces(memory, middle, half_q, half_v, u[:nu], motor_torque(here, u), h)
                 u = jnp.concatenate([u[:nu], u[nu:] + force])

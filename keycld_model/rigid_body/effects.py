@@ -176,12 +176,28 @@ class TracedEffects:
                     bodies = bodies.at[slot.at, heavy].multiply(factor)
         return bodies, tuple(pull)
 
-    def dry_friction(self, friction: Traced, q: Traced, v: Traced, load: Callable[[int], Traced]) -> Traced:
-        """Dry friction `[nv, N]` with that of effects, for positions, velocities, and forces in bearings of joints."""
+    def dry_friction(
+        self,
+        friction: Traced,
+        q: Traced,
+        v: Traced,
+        bearing: Callable[[int], Traced],
+        motor: Callable[[int], Traced],
+    ) -> Traced:
+        """Dry friction `[nv, N]` with that of effects.
+
+        Args:
+            friction: without.
+            q: positions `[nv, N]`.
+            v: velocities.
+            bearing: force in the bearing of a joint, `[N]`.
+            motor: torque of an actuator at its joint, `[N]`.
+        """
         with using(Quick()):
             for slot, effect in self.effects:
                 if effect.has_dry_friction:
-                    more = effect.dry_friction(q[slot.at], v[slot.at], functools.partial(load, slot.at))
+                    load, place = (bearing, slot.at) if slot.motor < 0 else (motor, slot.motor)
+                    more = effect.dry_friction(q[slot.at], v[slot.at], functools.partial(load, place))
                     friction = friction.at[slot.at].add(more)
         return jnp.maximum(friction, 0.0)
 

@@ -201,10 +201,9 @@ def balance(tree: RigidBodyTree, numbers: TreeNumbers, q: Traced, v: Traced, u: 
         spring = x * (k0 + x * (k1 + x * k2))
         force.append(u[nu + j] - v[j] * (b0 + speed * (b1 + speed * b2)) - spring - bias[j])
         slope.append(b0 + speed * (2 * b1 + speed * 3 * b2))
+    motor = actuator_torque(tree, numbers, q, v, u)
     for i, j in enumerate(tree.motors):
-        gear, gain, f0, f1, f2, low, high, least, most = numbers.motors[i]
-        torque = gain * jnp.clip(u[i], low, high) + f0 + f1 * gear * q[j] + f2 * gear * v[j]
-        force[j] = force[j] + gear * jnp.clip(torque, least, most)
+        force[j] = force[j] + motor(i)
     rows = [
         row for loop, own in zip(tree.loops, numbers.loops, strict=True) for row in rows_of(loop, own, frames, q, v)
     ]
@@ -253,6 +252,19 @@ def bearing_force(
         return jnp.sqrt(dot(force, force) + 1e-30)
 
     return force_at
+
+
+def actuator_torque(
+    tree: RigidBodyTree, numbers: TreeNumbers, q: Traced, v: Traced, u: Traced
+) -> Callable[[int], Traced]:
+    """Torque of an actuator at its joint, `[N]`, with what depends on position and speed, and within its limits."""
+
+    def torque_of(i: int) -> Traced:
+        j, (gear, gain, f0, f1, f2, low, high, least, most) = tree.motors[i], numbers.motors[i]
+        torque = gain * jnp.clip(u[i], low, high) + f0 + f1 * gear * q[j] + f2 * gear * v[j]
+        return gear * jnp.clip(torque, least, most)
+
+    return torque_of
 
 
 def motor_torque(numbers: TreeNumbers, u: Traced) -> Callable[[int], Traced]:

@@ -15,6 +15,7 @@ from keycld_envs.effects import (
     ConstantForce,
     CoulombFriction,
     Effect,
+    GearFriction,
     LoadDependentFriction,
     PositionDependentFriction,
     QuadraticDrag,
@@ -44,6 +45,7 @@ No gain of a motor: what masses do, and a friction that is compensated for, look
 """
 IDEALISED: tuple[type[Effect], ...] = (
     AsymmetricFriction,
+    GearFriction,
     LoadDependentFriction,
     PositionDependentFriction,
     Spring,
