@@ -102,11 +102,12 @@ class EffectSlots:
         if not kinds:
             return cls()
         turning = tuple(bool(t == mujoco.mjtJoint.mjJNT_HINGE) for t in model.jnt_type)
-        groups = dict.fromkeys((EVERY, *(kind.program for kind in EFFECTS.values() if kind.program is not None)))
+        known = dict.fromkeys((*EFFECTS.values(), *sorted(kinds, key=lambda kind: kind.__name__)))  # and what is not ours
+        groups = dict.fromkeys((EVERY, *(kind.program for kind in known if kind.program is not None)))
         wanted = {EVERY, *(kind.program for kind in kinds)}
         out = {}
         for group in groups:
-            for kind in EFFECTS.values() if group in wanted else ():
+            for kind in known if group in wanted else ():
                 for effect in kind.candidates(model) if kind.program == group else ():
                     if effect.forces:
                         slot = EffectSlot(effect, *effect.slot(model))

@@ -1,13 +1,13 @@
 """The double pendulum of the DFKI Underactuated Lab: its files, and its simulator."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import mujoco
 
 from keycld_control.benchmarks.real.gate import RecordingFile
+from keycld_control.benchmarks.real.owners.files import numbers_of
 from keycld_control.benchmarks.real.rigs import RigidLink, double_pendulum
-from keycld_envs.errors import InputError
 from keycld_envs.recordings.importers import Columns
 
 JOINTS = ("shoulder", "elbow")
@@ -66,27 +66,35 @@ def identified(design: str, model: str) -> Callable[[Path], mujoco.MjModel]:
 
     def made(folder: Path) -> mujoco.MjModel:
         known = parameters(folder, design, model)
-        rotor = known["gr"] ** 2 * known["Ir"]
-        upper = RigidLink(known["m1"], known["r1"], known["I1"], rotor)
-        return double_pendulum(upper, RigidLink(known["m2"], known["r2"], known["I2"], rotor), known["l1"])
+        return double_pendulum(*_links(known), known["l1"])
 
     return made
+
+
+def _links(known: Mapping[str, float]) -> tuple[RigidLink, RigidLink]:
+    """Both links; where the second has less inertia than a point, mass of the elbow's bearing goes from first to second.
+
+    That moves in the same way.
+    """
+    m1, m2, l1, rotor = known["m1"], known["m2"], known["l1"], known["gr"] ** 2 * known["Ir"]
+    lever = m2 * known["r2"]
+    more = max(0.0, 1.01 * lever**2 / known["I2"] - m2)
+    upper = RigidLink(m1, known["r1"] - more * l1 / m1, known["I1"] - more * l1**2, rotor)
+    return upper, RigidLink(m2 + more, lever / (m2 + more), known["I2"], rotor)
 
 
 def parameters(folder: Path, design: str, model: str) -> dict[str, float]:
     """What the owners identified.
 
     Raises:
-        InputError: if the file is not there.
+        InputError: if the file is missing or damaged.
     """
-    path = folder / (
+    path = (
         "dfki_double_pendulum/data/system_identification/identified_parameters/"
         f"design_{design}/model_{model}/model_parameters.yml"
     )
-    if not path.is_file():
-        raise InputError(f"{path} does not exist; docs/real-data.md says where to get it.")
-    lines = (line.partition(":") for line in path.read_text().splitlines() if ":" in line)
-    return {name.strip(): float(value) for name, _, value in lines}
+    needed = ("m1", "m2", "r1", "r2", "I1", "I2", "l1", "Ir", "gr", "b1", "b2", "cf1", "cf2")
+    return numbers_of(folder / path, needed)
 
 
 def leaderboard_runs(plant: str, controller: str, number: int) -> list[RecordingFile]:

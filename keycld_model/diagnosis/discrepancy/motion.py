@@ -48,6 +48,7 @@ class Motion:
         states: `[W, r, 2 nv]` minus the derivative of whitened residuals to initial states.
         response: `[W, r, nv, B]` the same to forces at joints.
         residual: `[W, r]` whitened residuals without the forces, to first order.
+        forces: `[W, B, nv]` unknown forces with which the simulator follows the recordings, N m or N.
     """
 
     problem: Problem
@@ -62,6 +63,7 @@ class Motion:
     states: Array
     response: Array
     residual: Array
+    forces: Array
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria) -> "Motion":
@@ -97,6 +99,7 @@ class Motion:
             states,
             response,
             residual + np.einsum("wrjb,wbj->wr", response, pinned.forces),
+            pinned.forces,
         )
 
     @property
@@ -125,7 +128,7 @@ class Motion:
         return np.einsum("wrjb,wbj->wr", self.response, self.over_parts(forces), optimize=True)
 
 
-_PER_WINDOW = ("q", "v", "a", "u", "time", "required", "states", "response", "residual")
+_PER_WINDOW = ("q", "v", "a", "u", "time", "required", "states", "response", "residual", "forces")
 
 
 def inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> Array:

@@ -16,14 +16,14 @@ from scipy.optimize import minimize
 
 from keycld_envs.effects.edited import torque_per_command
 from keycld_model.diagnosis.discrepancy.motion import Motion
-from keycld_model.diagnosis.discrepancy.regressors import Term
+from keycld_model.diagnosis.discrepancy.regressors import Term, resting
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FREEDOM = 4.0
 """Degrees of freedom of Student's t, over windows."""
-RESTING = 0.05
-"""Speed below which a joint may rest, rad/s or m/s."""
+HELD = 3.0
+"""Standard deviation of dry friction at rest over the unknown force there: nearly any force."""
 
 
 @dataclass(frozen=True)
@@ -33,18 +33,20 @@ class Unsteady:
     Attributes:
         rest: `[W, B, nv]` share of each part of a window in which a joint may rest.
         command: `[W, B, nv]` standard deviation of a motor's torque within the part, N m or N; none follows at once.
+        held: `[W, B, nv]` standard deviation of dry friction there, since it holds whatever force there is, N m or N.
     """
 
     rest: Array
     command: Array
+    held: Array
 
     @classmethod
     def of(cls, motion: Motion) -> "Unsteady":
         """Along a motion."""
         torque = motion.u @ torque_per_command(motion.model).T
         squares = motion.over_parts(torque**2) - motion.over_parts(torque) ** 2
-        rest = motion.over_parts(1 - np.tanh(np.abs(motion.v) / RESTING) ** 2)
-        return cls(rest, np.sqrt(np.maximum(squares, 0.0)))
+        rest = motion.over_parts(resting(motion.v))
+        return cls(rest, np.sqrt(np.maximum(squares, 0.0)), HELD * rest * np.abs(motion.forces))
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,7 @@ class Discrepancy:
         """
         response, nv = motion.response[rows], len(self.force)
         friction = (self.friction + self.more[rows])[:, None] * unsteady.rest[rows]
+        friction = np.maximum(friction, unsteady.held[rows])
         spread = np.sqrt(self.force**2 + friction**2 + unsteady.command[rows] ** 2)
         out = np.zeros((len(rows), response.shape[1], response.shape[1]))
         for j in range(nv):
@@ -202,13 +205,14 @@ def regression(motion: Motion, terms: Sequence[Term], others: Array, baseline: M
     usual = np.sqrt(np.mean(motion.required**2, axis=(0, 1)))
     one, none = np.ones(len(usual)), np.zeros((len(baseline), len(usual)))
     found = Discrepancy(0.1 * usual, one, one, 0.1, 0.3 * usual, none)
-    dry = [(i, t.effect) for i, t in enumerate(terms) if t.effect is not None and t.effect.id == "coulomb_friction"]
-    joints = [motion.model.joint(effect.where).id for _, effect in dry]
+    dry = [i for i, term in enumerate(terms) if term.holds is not None]
+    holds = np.stack([none, *(terms[i].holds for i in dry)])  # with none, so that there is one
     for _ in range(3):
         found = problem.most_likely(found)
         solved = problem.solved(found)
-        size = np.abs(solved.values[[i for i, _ in dry]])[np.argsort(joints)]
-        found = replace(found, friction=np.maximum(size, 0.02 * usual))
+        size = np.abs(np.tensordot(solved.values[dry], holds[1:], 1)) + none
+        least = np.maximum(size.min(axis=0), 0.02 * usual)
+        found = replace(found, friction=least, more=np.maximum(size - least, 0.0))
         problem = replace(problem, weights=solved.weights)
     return problem.regression(found, others), found
 

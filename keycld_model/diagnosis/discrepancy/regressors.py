@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 USUAL: tuple[type[Effect], ...] = (
     ViscousFriction,
     CoulombFriction,
+    GearFriction,
     ConstantForce,
     QuadraticDrag,
     ActuatorDelay,
@@ -45,7 +46,6 @@ No gain of a motor: what masses do, and a friction that is compensated for, look
 """
 IDEALISED: tuple[type[Effect], ...] = (
     AsymmetricFriction,
-    GearFriction,
     LoadDependentFriction,
     PositionDependentFriction,
     Spring,
@@ -55,6 +55,8 @@ IDEALISED: tuple[type[Effect], ...] = (
 """What all friction and all motors are a little, which the usual terms leave out."""
 USUAL_NUMBERS = ("backward", "c", "f")
 """Parameters of these that usual terms have already."""
+RESTING = 0.05
+"""Speed below which a joint may rest, rad/s or m/s."""
 DIFFERENCE = 0.02
 """Share of an inertia, by which it is changed for its column."""
 
@@ -70,6 +72,7 @@ class Term:
         effect: whose first parameter it is; None of inertias and zeros.
         zero: it is the zero of an encoder, which may differ from day to day.
         beyond: it is beyond the simplest forms of friction and motors, which it makes up for in part.
+        holds: `[W, nv]` force per unit that holds a joint at rest, N m or N; None if it does not.
     """
 
     name: str
@@ -78,6 +81,7 @@ class Term:
     effect: Effect | None = None
     zero: bool = False
     beyond: bool = False
+    holds: Array | None = None
 
 
 def answer_of(motion: Motion, effect: Effect) -> Array:
@@ -112,13 +116,35 @@ def force_of(motion: Motion, effect: Effect) -> Array:
     ):
         out = out + motion.required - inverse_dynamics(_without_resistance(after, model), motion.q, motion.v, motion.a)
     if not effect.memory:
-        return out + effect.force(model, motion.time, motion.q, motion.v, motion.u)
+        out = out + effect.force(model, motion.time, motion.q, motion.v, motion.u)
+        return out * (1 - resting(motion.v)) if _is_dry(effect) else out
     memory, h = effect.begin(model, motion.path[1][:, 0]), motion.problem.simulator.step
     for k in range(motion.windows.steps):
         now = motion.time[:, k], motion.q[:, k], motion.v[:, k], motion.u[:, k]
         force, memory = effect.advance(model, memory, *now, h)
         out[:, k] += force
     return out
+
+
+def resting(v: Array) -> Array:
+    """Share to which joints may rest at velocities, where dry friction may be any force up to its own."""
+    return 1 - np.tanh(np.abs(v) / RESTING) ** 2
+
+
+def _is_dry(effect: Effect) -> bool:
+    return effect.confusable is not None and effect.confusable.group == CoulombFriction.confusable.group
+
+
+HOLDING = ("coulomb_friction", "load_dependent_friction")
+"""Dry friction whose size does not hang on the speed."""
+
+
+def _holding(motion: Motion, effect: Effect) -> Array | None:
+    """Force with which dry friction holds joints at rest, `[W, nv]`, N m or N: that of a slow motion."""
+    if effect.id not in HOLDING:
+        return None
+    slow = replace(motion, v=np.full_like(motion.v, 4 * RESTING))
+    return np.mean(np.abs(force_of(slow, effect)), axis=1)
 
 
 _INERTIAL = ("body_mass", "body_inertia", "body_ipos", "body_pos", "dof_armature", "jnt_stiffness", "qpos_spring")
@@ -169,7 +195,9 @@ def shared_terms(motion: Motion, criteria: Criteria, held: bool = False) -> list
                 (number,) = absent.parameters()
                 little = absent.with_parameters(**{number.name: number.absent + number.scale})
                 column = answer_of(motion, little) / number.scale
-                out.append(Term(f"{absent.id} at {absent.where}", column, spread, absent))
+                holds = _holding(motion, little)
+                holds = None if holds is None else holds / number.scale
+                out.append(Term(f"{absent.id} at {absent.where}", column, spread, absent, holds=holds))
     out += _idealised(motion)
     return [term for term in out if np.any(term.column)]
 
@@ -191,7 +219,9 @@ def _idealised(motion: Motion) -> list[Term]:
                     spread = float(np.max(share * usual[force > 0] / force[force > 0]))
                     column = answer_of(motion, little) / number.scale
                     name = f"{number.name} of {absent.id} at {absent.where}"
-                    out.append(Term(name, column, spread, beyond=True))
+                    holds = _holding(motion, little)
+                    holds = None if holds is None else holds / number.scale
+                    out.append(Term(name, column, spread, beyond=True, holds=holds))
     return out
 
 
