@@ -7,7 +7,6 @@ such as dry friction, is tried at all joints at once, too, since one alone is of
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import groupby
 
 import numpy as np
@@ -112,13 +111,13 @@ class Missing:
 
     Attributes:
         motion: of the recordings.
-        white: columns of inertias and zeros, of candidates and the target, `[W, r, P + C + 1]`; windows that fit badly
-            beside everything that may be missing count for less.
+        white: columns of inertias and zeros, of candidates and the target, `[W, r, P + C + 1]`.
         precision: `[P]` of the priors of inertias and zeros.
         fold: `[W]` what each window is held out with: its recording, or a part of it where there are few.
         groups: what may be missing.
         discrepancy: that nothing explains.
         criteria: thresholds.
+        freedom: of each window.
     """
 
     motion: Motion
@@ -128,6 +127,7 @@ class Missing:
     groups: list[Group]
     discrepancy: Discrepancy
     criteria: Criteria
+    freedom: int
 
     @classmethod
     def of(cls, motion: Motion, terms: Sequence[Term], columns: Columns, criteria: Criteria) -> "Missing":
@@ -136,9 +136,8 @@ class Missing:
         own = [i for i, term in enumerate(terms) if term.effect is None and not term.beyond]
         white = np.concatenate([found.shared[..., own], found.others, found.target[..., None]], axis=-1)
         groups = [Group((c.hypothesis,), (c.columns,)) for c in columns.candidates if _plausible(c.hypothesis.effect)]
-        everything = np.concatenate([found.shared, found.target[..., None]], axis=-1)
-        white *= np.sqrt(robust_weights(everything, found.precision, found.freedom))[:, None, None]
-        return cls(motion, white, found.precision[own], _folds(motion), groups, discrepancy, criteria)
+        fold = _folds(motion)
+        return cls(motion, white, found.precision[own], fold, groups, discrepancy, criteria, found.freedom)
 
     def search(self, no_time: Callable[[str], bool]) -> tuple[list[Tried], Tried]:
         """The best sets of effects, the very best first, and none at all.
@@ -236,13 +235,13 @@ class Missing:
         """Sets of groups beside others, each held out from fold to fold."""
         p = len(self.precision)
         present = [*range(p), *(p + i for group in beside for i in group.all_columns)]
-        return [self._held_out(self._grams, present, own, beside) for own in sets]
-
-    @cached_property
-    def _grams(self) -> Array:
-        """Of all columns in each fold, `[F, P + C + 1, P + C + 1]`."""
-        flat = [self.white[self.fold == f].reshape(-1, self.white.shape[-1]) for f in range(self.fold.max() + 1)]
-        return np.stack([rows.T @ rows for rows in flat])
+        used = [*present, self.white.shape[-1] - 1]
+        weights = robust_weights(self.white[..., used], self._prior(len(used) - 1), self.freedom)
+        rows = self.white * np.sqrt(weights)[:, None, None]
+        grams = np.stack(
+            [(flat := rows[self.fold == f].reshape(-1, rows.shape[-1])).T @ flat for f in range(self.fold.max() + 1)]
+        )
+        return [self._held_out(grams, present, own, beside) for own in sets]
 
     def _held_out(self, grams: Array, present: list[int], own: tuple[Group, ...], beside: tuple[Group, ...]) -> Tried:
         p = len(self.precision)

@@ -112,6 +112,16 @@ class Motion:
         """Of the recordings."""
         return self.problem.windows
 
+    @property
+    def misfit(self) -> Array:
+        """Mean square of whitened residuals of each window, with the forces, `[W]`."""
+        return np.mean((self.residual - np.einsum("wrjb,wbj->wr", self.response, self.forces)) ** 2, axis=1)
+
+    @property
+    def usual_force(self) -> Array:
+        """Root mean square of the forces in each window, `[W, nv]`, N m or N."""
+        return np.sqrt(np.mean(self.forces**2, axis=1))
+
     def take(self, rows: NDArray[np.int64]) -> "Motion":
         """Some of the windows."""
         arrays = {name: getattr(self, name)[rows] for name in _PER_WINDOW}

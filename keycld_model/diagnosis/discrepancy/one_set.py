@@ -57,7 +57,13 @@ def lacking(
     terms, columns = shared_terms(learned, criteria, held=True), Columns.of(learned)
     if not _far_above_noise(learned, terms, columns, criteria):
         return None
-    advance(20, "what nothing explains")
+    advance(10, "following the motion more closely")
+    closer = _closer(motion, [*recordings, *held_out], model, criteria)
+    if closer is not motion:
+        motion = closer
+        learned = motion.take(np.flatnonzero(motion.windows.recording < len(recordings)))
+        terms, columns = shared_terms(learned, criteria, held=True), Columns.of(learned)
+    advance(10, "what nothing explains")
     missing = Missing.of(learned, terms, columns, criteria)
     advance(30, "what helps in all recordings")
     sets, none = missing.search(no_time)
@@ -95,6 +101,24 @@ def _report(missing: Missing, best: Tried, gained: float, rolled: "_Rolled", mod
         },
         evidence=evidence(model, fits, fits, of_sensors=False),
     )
+
+
+def _closer(motion: Motion, recordings: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria) -> Motion:
+    """The motion followed with forces, and in windows, half as long, if it is followed far better thus.
+
+    Forces that grow with it would follow a vibration.
+    """
+    finer = replace(
+        criteria,
+        comparison_smooth=criteria.comparison_smooth / 2,
+        comparison_window=criteria.comparison_window / 2,
+    )
+    closer = Motion.of(recordings, model, finer)
+    before, after = np.median(motion.misfit), np.median(closer.misfit)
+    grows = np.median(closer.usual_force, axis=0) > (1 + criteria.vibrates) * np.median(motion.usual_force, axis=0)
+    if before < 1.0 or after > before / 2 or np.any(grows):
+        return motion
+    return closer
 
 
 def _far_above_noise(motion: Motion, terms: Sequence[Term], columns: Columns, criteria: Criteria) -> bool:

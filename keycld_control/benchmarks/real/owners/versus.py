@@ -1,0 +1,134 @@
+"""Corrected simulators against what the owners identified: rollouts over recordings that neither was fitted to."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from keycld_control.benchmarks.real.gate import RecordingFile
+from keycld_control.benchmarks.real.owners.model import OwnersModel
+from keycld_control.benchmarks.real.replay import SIGMA, HeldOutRollouts, Rig, roll, variant
+from keycld_control.benchmarks.refitting import JointPositions, Simulator, Variant
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis import Report, diagnose
+
+HORIZONS = (0.2, 0.5, 1.0)
+"""s."""
+DRAWN = 1000
+"""Bootstrap samples."""
+
+
+@dataclass(frozen=True)
+class OwnersRig:
+    """A mechanism that its owners identified.
+
+    Attributes:
+        name: of it.
+        simulator: makes the model without friction, of the folder with the data sets.
+        training: files to diagnose.
+        held_out: files to compare on.
+        owners: all that they published of it; what does best on the training recordings is compared with.
+    """
+
+    name: str
+    simulator: Callable[[Path], mujoco.MjModel]
+    training: Sequence[RecordingFile]
+    held_out: Sequence[RecordingFile]
+    owners: Callable[[Path], Sequence[OwnersModel]]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Root mean square errors of rollouts, mrad or mm.
+
+    Attributes:
+        seconds: of a rollout.
+        owners: of the owners' model.
+        corrected: of the corrected simulator.
+        low: 5th percentile of the ratio of both, corrected over owners.
+        high: 95th.
+        rollouts: how many.
+        recordings: that they are of.
+    """
+
+    seconds: float
+    owners: float
+    corrected: float
+    low: float
+    high: float
+    rollouts: int
+    recordings: int
+
+    @property
+    def ratio(self) -> float:
+        """Corrected over owners."""
+        return self.corrected / self.owners
+
+
+@dataclass(frozen=True)
+class Versus:
+    """One rig.
+
+    Attributes:
+        name: of the rig.
+        model: of the owners, its name.
+        report: of the diagnosis.
+        compared: by horizon.
+        seconds: that the diagnosis took.
+    """
+
+    name: str
+    model: str
+    report: Report
+    compared: tuple[Compared, ...]
+    seconds: float
+
+
+def versus(rig: OwnersRig, folder: Path) -> Versus:
+    """Diagnose the training recordings, and compare on the others.
+
+    Raises:
+        InputError: if a file is missing or damaged.
+    """
+    training, held_out = ([file.recording(folder) for file in files] for files in (rig.training, rig.held_out))
+    published, start, simulator = rig.owners(folder), time.perf_counter(), rig.simulator(folder)
+    report = diagnose(training, simulator)
+    seconds = round(time.perf_counter() - start, 1)
+    corrected = Rig.of(report, simulator), variant(report, Rig.of(report, simulator), findings=True)
+    step = corrected[0].simulator.step
+    theirs = {model.name: _as_published(model, step) for model in published}
+    best = min(theirs, key=lambda name: _error(theirs[name], training, HORIZONS[1])) if len(theirs) > 1 else [*theirs][0]
+    compared = tuple(compare(roll(*theirs[best], held_out, s), roll(*corrected, held_out, s), s) for s in HORIZONS)
+    return Versus(rig.name, best, report, compared, seconds)
+
+
+def _as_published(model: OwnersModel, step: float) -> tuple[Rig, Variant]:
+    """Without anything refitted."""
+    simulator = Simulator(model.simulator, step)
+    rig = Rig(simulator, JointPositions(model.simulator, np.full(model.simulator.nv, SIGMA)))
+    return rig, Variant(np.zeros(len(simulator.nuisances) + len(rig.observation.nuisances)), model.effects)
+
+
+def _error(simulated: tuple[Rig, Variant], recordings: Sequence[Recording], seconds: float) -> float:
+    error = roll(*simulated, recordings, seconds).error()
+    return error if np.isfinite(error) else np.inf
+
+
+def compare(theirs: HeldOutRollouts, ours: HeldOutRollouts, seconds: float) -> Compared:
+    """Errors of the same rollouts, and an interval of their ratio.
+
+    Recordings are drawn with replacement, and then rollouts of each.
+    """
+    squares = [np.nansum((r.measured - r.predicted) ** 2, axis=(1, 2)) for r in (theirs, ours)]
+    count = np.isfinite(theirs.measured).sum(axis=(1, 2))
+    rng, groups = np.random.default_rng(0), [np.flatnonzero(theirs.recording == r) for r in np.unique(theirs.recording)]
+    ratios = []
+    for _ in range(DRAWN):
+        rows = np.concatenate([rng.choice(groups[g], len(groups[g])) for g in rng.integers(len(groups), size=len(groups))])
+        ratios.append(np.sqrt(squares[1][rows].sum() / squares[0][rows].sum()))
+    errors = [1e3 * float(np.sqrt(s.sum() / count.sum())) for s in squares]
+    low, high = np.percentile(ratios, [5, 95])
+    return Compared(seconds, *errors, float(low), float(high), len(count), len(groups))
