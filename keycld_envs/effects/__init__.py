@@ -44,8 +44,8 @@ EFFECTS: dict[str, type[Effect]] = {
     for kind in tuple(globals().values())
     if isinstance(kind, type) and issubclass(kind, Effect) and kind is not Effect
 }
-"""All effects that are imported here, by file. Drifts of different parameters have one id, so have added masses, and friction
-that depends on a load."""
+"""All effects that are imported here, by file. Drifts of different parameters have one id, and so have added masses and
+frictions by a load."""
 
 
 def effect_class(id: str, kind: str) -> type[Effect] | None:

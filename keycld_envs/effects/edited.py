@@ -44,7 +44,7 @@ def torque_per_command(model: mujoco.MjModel) -> Array:
 
 
 def actuator_torque(model: mujoco.MjModel, i: int, q: Array, v: Array, u: Array) -> Array:
-    """Torque `[...]` of actuator i at its joint, at positions and velocities `[...]` of it, for commands `[..., nu]`."""
+    """Torque of actuator i at its joint, `[...]`, at its positions and velocities `[...]`, for commands `[..., nu]`."""
     gear, (b0, b1, b2) = model.actuator_gear[i, 0], model.actuator_biasprm[i, :3]
     told = np.clip(u[..., i], *model.actuator_ctrlrange[i]) if model.actuator_ctrllimited[i] else u[..., i]
     torque = model.actuator_gainprm[i, 0] * told + b0 + gear * (b1 * q + b2 * v)

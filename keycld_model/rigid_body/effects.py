@@ -102,7 +102,9 @@ class EffectSlots:
         if not kinds:
             return cls()
         turning = tuple(bool(t == mujoco.mjtJoint.mjJNT_HINGE) for t in model.jnt_type)
-        known = dict.fromkeys((*EFFECTS.values(), *sorted(kinds, key=lambda kind: kind.__name__)))  # and what is not ours
+        known = dict.fromkeys(
+            (*EFFECTS.values(), *sorted(kinds, key=lambda kind: kind.__name__))
+        )  # and what is not ours
         groups = dict.fromkeys((EVERY, *(kind.program for kind in known if kind.program is not None)))
         wanted = {EVERY, *(kind.program for kind in kinds)}
         out = {}

@@ -3,9 +3,10 @@
 from keycld_control.benchmarks.real.concealed import ConcealedGate
 from keycld_control.benchmarks.real.gate import Curve, Gate, GateResult
 from keycld_control.benchmarks.real.gates import find_gates
+from keycld_control.benchmarks.real.owners.gate import OwnersGate
 from keycld_control.benchmarks.real.runner import run
 
-GATES: dict[str, Gate | ConcealedGate] = find_gates()
+GATES: dict[str, Gate | ConcealedGate | OwnersGate] = find_gates()
 """By name."""
 
 __all__ = ["GATES", "ConcealedGate", "Curve", "Gate", "GateResult", "run"]

@@ -72,9 +72,10 @@ def identified(design: str, model: str) -> Callable[[Path], mujoco.MjModel]:
 
 
 def _links(known: Mapping[str, float]) -> tuple[RigidLink, RigidLink]:
-    """Both links; where the second has less inertia than a point, mass of the elbow's bearing goes from first to second.
+    """Both links.
 
-    That moves in the same way.
+    Where the second has less inertia than its mass at a point, mass at the elbow goes from the first to the second:
+    both move in the same way with it.
     """
     m1, m2, l1, rotor = known["m1"], known["m2"], known["l1"], known["gr"] ** 2 * known["Ir"]
     lever = m2 * known["r2"]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from keycld_control.benchmarks.real.concealed import ConcealedGate
 from keycld_control.benchmarks.real.gate import DataSplit, Diagnosed, Gate, GateResult, Outcome
+from keycld_control.benchmarks.real.owners.gate import OwnersGate
 from keycld_control.benchmarks.real.replay import curves
 from keycld_control.benchmarks.refitting import split
 from keycld_envs.recordings import Recording
@@ -13,12 +14,12 @@ from keycld_envs.recordings.importers import Table
 from keycld_model.diagnosis import diagnose
 
 
-def run(gate: Gate | ConcealedGate, folder: Path) -> GateResult:
+def run(gate: Gate | ConcealedGate | OwnersGate, folder: Path) -> GateResult:
     """The result of a gate on the data sets of a folder.
 
     An error ends the gate and is part of its result, with the reports of the diagnoses that were completed before.
     """
-    if isinstance(gate, ConcealedGate):
+    if not isinstance(gate, Gate):
         return gate.run(folder)
     start, error, drawn = time.perf_counter(), None, []
     diagnoses: dict[str, Diagnosed] = {}

@@ -205,12 +205,11 @@ def regression(motion: Motion, terms: Sequence[Term], others: Array, baseline: M
     usual = np.sqrt(np.mean(motion.required**2, axis=(0, 1)))
     one, none = np.ones(len(usual)), np.zeros((len(baseline), len(usual)))
     found = Discrepancy(0.1 * usual, one, one, 0.1, 0.3 * usual, none)
-    dry = [i for i, term in enumerate(terms) if term.holds is not None]
-    holds = np.stack([none, *(terms[i].holds for i in dry)])  # with none, so that there is one
+    dry = [(i, term.holds) for i, term in enumerate(terms) if term.holds is not None]
     for _ in range(3):
         found = problem.most_likely(found)
         solved = problem.solved(found)
-        size = np.abs(np.tensordot(solved.values[dry], holds[1:], 1)) + none
+        size = np.abs(sum((solved.values[i] * holds for i, holds in dry), none))
         least = np.maximum(size.min(axis=0), 0.02 * usual)
         found = replace(found, friction=least, more=np.maximum(size - least, 0.0))
         problem = replace(problem, weights=solved.weights)

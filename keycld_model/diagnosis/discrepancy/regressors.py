@@ -132,7 +132,7 @@ def resting(v: Array) -> Array:
 
 
 def _is_dry(effect: Effect) -> bool:
-    return effect.confusable is not None and effect.confusable.group == CoulombFriction.confusable.group
+    return effect.confusable is not None and effect.confusable.group == "dry friction"
 
 
 HOLDING = ("coulomb_friction", "load_dependent_friction")

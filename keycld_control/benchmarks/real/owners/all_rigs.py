@@ -19,28 +19,28 @@ def _parted(files: Sequence[RecordingFile]) -> tuple[list[RecordingFile], list[R
     return [file for file in files if file not in held_out], held_out
 
 
-
-
+SERVO = OwnersRig(
+    "servo xl330",
+    *_parted([servo.log_file(name) for name in servo.LOGS]),
+    servo_friction.owners_models,
+)
 RIGS = (
     *(
         OwnersRig(
             f"double pendulum {design}",
-            dfki.identified(design, model),
             *_parted(dfki.system_identification_runs(design)),
             partial(double_pendulum.owners_models, design=design),
         )
-        for design, model in (("A.0", "2.0"), ("C.0", "h1.0"), ("C.1", "1.0"))
+        for design in double_pendulum.MODELS
     ),
     OwnersRig(
         "simple pendulum",
-        lambda folder: simple_pendulum.owners_models(folder)[0].simulator,
         *_parted([r6.run_file(f"control_method_{run}") for run in RUNS]),
         simple_pendulum.owners_models,
     ),
-    OwnersRig("servo xl330", servo.simulator, *_parted([servo.log_file(name) for name in servo.LOGS]), servo_friction.owners_models),
+    SERVO,
     OwnersRig(
         "multiarm",
-        lambda folder: multiarm.owners_models(folder)[0].simulator,
         [r3.segment("id", i) for i in range(4)],
         [r3.segment("vad", i) for i in range(2)],
         multiarm.owners_models,

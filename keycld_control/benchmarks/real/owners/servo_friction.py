@@ -62,9 +62,7 @@ class ServoFriction(ActuatorEffect):
         """N m."""
         xp, motor = functions(v), load()
         outside = -self.weight * xp.sin(q + self.q_offset)
-        steady = self.friction_base + xp.abs(
-            self.load_friction_external * outside - self.load_friction_motor * motor
-        )
+        steady = self.friction_base + xp.abs(self.load_friction_external * outside - self.load_friction_motor * motor)
         slow = self.friction_stribeck + xp.abs(
             self.load_friction_external_stribeck * outside - self.load_friction_motor_stribeck * motor
         )

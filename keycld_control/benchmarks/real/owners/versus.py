@@ -5,14 +5,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from keycld_control.benchmarks.real.gate import RecordingFile
 from keycld_control.benchmarks.real.owners.model import OwnersModel
 from keycld_control.benchmarks.real.replay import SIGMA, HeldOutRollouts, Rig, roll, variant
-from keycld_control.benchmarks.refitting import JointPositions, Simulator, Variant
-from keycld_envs.recordings import Recording
+from keycld_control.benchmarks.refitting import JointPositions, Simulator, Variant, accurate_step
 from keycld_model.diagnosis import Report, diagnose
 
 HORIZONS = (0.2, 0.5, 1.0)
@@ -27,17 +25,18 @@ class OwnersRig:
 
     Attributes:
         name: of it.
-        simulator: makes the model without friction, of the folder with the data sets.
         training: files to diagnose.
         held_out: files to compare on.
-        owners: all that they published of it; what does best on the training recordings is compared with.
+        owners: makes all that they published of it, of the folder with the data sets. What does best on the training
+            recordings is compared with; without its friction, it is the simulator that is diagnosed.
+        tested: the diagnosis is given the held-out recordings, too, to test its findings on.
     """
 
     name: str
-    simulator: Callable[[Path], mujoco.MjModel]
     training: Sequence[RecordingFile]
     held_out: Sequence[RecordingFile]
     owners: Callable[[Path], Sequence[OwnersModel]]
+    tested: bool = False
 
 
 @dataclass(frozen=True)
@@ -94,14 +93,17 @@ def versus(rig: OwnersRig, folder: Path) -> Versus:
         InputError: if a file is missing or damaged.
     """
     training, held_out = ([file.recording(folder) for file in files] for files in (rig.training, rig.held_out))
-    published, start, simulator = rig.owners(folder), time.perf_counter(), rig.simulator(folder)
-    report = diagnose(training, simulator)
+    step = accurate_step(training)
+    published = {model.name: (_as_published(model, step), model.simulator) for model in rig.owners(folder)}
+    errors = {name: roll(*simulated, training, HORIZONS[1]).error() for name, (simulated, _) in published.items()}
+    best = min(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
+    theirs, simulator = published[best]
+    start = time.perf_counter()
+    report = diagnose(training, simulator, held_out if rig.tested else ())
     seconds = round(time.perf_counter() - start, 1)
-    corrected = Rig.of(report, simulator), variant(report, Rig.of(report, simulator), findings=True)
-    step = corrected[0].simulator.step
-    theirs = {model.name: _as_published(model, step) for model in published}
-    best = min(theirs, key=lambda name: _error(theirs[name], training, HORIZONS[1])) if len(theirs) > 1 else [*theirs][0]
-    compared = tuple(compare(roll(*theirs[best], held_out, s), roll(*corrected, held_out, s), s) for s in HORIZONS)
+    own = Rig.of(report, simulator)
+    ours = own, variant(report, own, findings=True)
+    compared = tuple(compare(roll(*theirs, held_out, s), roll(*ours, held_out, s), s) for s in HORIZONS)
     return Versus(rig.name, best, report, compared, seconds)
 
 
@@ -112,11 +114,6 @@ def _as_published(model: OwnersModel, step: float) -> tuple[Rig, Variant]:
     return rig, Variant(np.zeros(len(simulator.nuisances) + len(rig.observation.nuisances)), model.effects)
 
 
-def _error(simulated: tuple[Rig, Variant], recordings: Sequence[Recording], seconds: float) -> float:
-    error = roll(*simulated, recordings, seconds).error()
-    return error if np.isfinite(error) else np.inf
-
-
 def compare(theirs: HeldOutRollouts, ours: HeldOutRollouts, seconds: float) -> Compared:
     """Errors of the same rollouts, and an interval of their ratio.
 
@@ -124,11 +121,12 @@ def compare(theirs: HeldOutRollouts, ours: HeldOutRollouts, seconds: float) -> C
     """
     squares = [np.nansum((r.measured - r.predicted) ** 2, axis=(1, 2)) for r in (theirs, ours)]
     count = np.isfinite(theirs.measured).sum(axis=(1, 2))
-    rng, groups = np.random.default_rng(0), [np.flatnonzero(theirs.recording == r) for r in np.unique(theirs.recording)]
-    ratios = []
+    groups = [np.flatnonzero(theirs.recording == r) for r in np.unique(theirs.recording)]
+    rng, ratios = np.random.default_rng(0), []
     for _ in range(DRAWN):
-        rows = np.concatenate([rng.choice(groups[g], len(groups[g])) for g in rng.integers(len(groups), size=len(groups))])
+        drawn = [groups[g] for g in rng.integers(len(groups), size=len(groups))]
+        rows = np.concatenate([rng.choice(own, len(own)) for own in drawn])
         ratios.append(np.sqrt(squares[1][rows].sum() / squares[0][rows].sum()))
-    errors = [1e3 * float(np.sqrt(s.sum() / count.sum())) for s in squares]
+    theirs_error, ours_error = (1e3 * float(np.sqrt(s.sum() / count.sum())) for s in squares)
     low, high = np.percentile(ratios, [5, 95])
-    return Compared(seconds, *errors, float(low), float(high), len(count), len(groups))
+    return Compared(seconds, theirs_error, ours_error, float(low), float(high), len(count), len(groups))
