@@ -1,7 +1,7 @@
 """What recordings lack of a simulator whose misfit is far above noise, with nothing to compare them with."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -58,11 +58,9 @@ def lacking(
     if not _far_above_noise(learned, terms, columns, criteria):
         return None
     advance(10, "following the motion more closely")
-    closer = _closer(motion, [*recordings, *held_out], model, criteria)
-    if closer is not motion:
-        motion = closer
-        learned = motion.take(np.flatnonzero(motion.windows.recording < len(recordings)))
-        terms, columns = shared_terms(learned, criteria, held=True), Columns.of(learned)
+    motion = _closer(motion, [*recordings, *held_out], model, criteria)
+    learned = motion.take(np.flatnonzero(motion.windows.recording < len(recordings)))
+    terms, columns = shared_terms(learned, criteria, held=True), Columns.of(learned)
     advance(10, "what nothing explains")
     missing = Missing.of(learned, terms, columns, criteria)
     advance(30, "what helps in all recordings")
@@ -108,17 +106,12 @@ def _closer(motion: Motion, recordings: Sequence[Recording], model: mujoco.MjMod
 
     Forces that grow with it would follow a vibration.
     """
-    finer = replace(
-        criteria,
-        comparison_smooth=criteria.comparison_smooth / 2,
-        comparison_window=criteria.comparison_window / 2,
-    )
-    closer = Motion.of(recordings, model, finer)
+    sizes = criteria.sizes
+    half = replace(sizes, window_beside_forces=sizes.window_beside_forces / 2, constant_force=sizes.constant_force / 2)
+    closer = Motion.of(recordings, model, replace(criteria, sizes=half))
     before, after = np.median(motion.misfit), np.median(closer.misfit)
     grows = np.median(closer.usual_force, axis=0) > (1 + criteria.vibrates) * np.median(motion.usual_force, axis=0)
-    if before < 1.0 or after > before / 2 or np.any(grows):
-        return motion
-    return closer
+    return motion if before < 1.0 or after > before / 2 or np.any(grows) else closer
 
 
 def _far_above_noise(motion: Motion, terms: Sequence[Term], columns: Columns, criteria: Criteria) -> bool:

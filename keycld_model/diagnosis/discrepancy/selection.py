@@ -145,7 +145,8 @@ class Selection:
         if joint is not None and not present:
             size = next((r.difference.values[0] for r in best if r.effect.id == "coulomb_friction"), 0.0)
             more = self.discrepancy.more.copy()
-            more[~self.baseline, joint] = abs(size)  # where it rests, the new friction may be any force as well
+            new = ~self.baseline  # where it rests, the new friction may be any force as well
+            more[new, joint] = np.maximum(more[new, joint], abs(size))
             self.discrepancy = replace(self.discrepancy, more=more)
             again = whitened_again(self.motion, self.terms, self.columns.answers, self.baseline, self.discrepancy)
             self.contest = self.contest.with_regression(again)
