@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from plotly.offline import get_plotlyjs
 
-from keycld_control.benchmarks.real import GATES, Curve, Gate, GateResult, pushes
+from keycld_control.benchmarks.real import GATES, Curve, Gate, GateResult, pushes, run
 from keycld_control.benchmarks.real.concealed import Case, passed, share, summary
 from keycld_control.benchmarks.real.gate import DataSplit, Diagnosed, Outcome
 from keycld_control.benchmarks.real.plots import write_page
@@ -195,6 +195,27 @@ def test_recordings_are_what_the_documentation_says(case: str) -> None:
     v = logged.column("vel_filt2")
     formula = 0.001 * v + 0.12 * np.arctan(100 * v)
     assert np.abs(formula - logged.column("tau_fric2")).max() < 1e-9
+
+
+@pytest.mark.parametrize("case", [pytest.param("", marks=real)])
+def test_every_file_of_every_gate_is_a_recording_of_its_simulator(case: str) -> None:
+    for gate in GATES.values():
+        if isinstance(gate, Gate):
+            several = [(gate.simulator, [f for d in gate.diagnoses.values() for f in (*d.recordings, *d.baseline)])]
+        else:
+            several = [(runs.simulator, runs.files) for runs in gate.runs]
+        for simulator, files in several:
+            model = simulator(DATA)
+            for recording in (file.recording(DATA) for file in files):
+                assert recording.joint_names == tuple(model.joint(j).name for j in range(model.njnt))
+                assert recording.actuator_names == tuple(model.actuator(i).name for i in range(model.nu))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [pytest.param("", marks=real)])
+def test_dry_friction_of_the_pendubot_is_found_at_both_joints(case: str) -> None:
+    result = run(GATES["G3"], DATA)
+    assert result.passed, result.reached
 
 
 @pytest.mark.parametrize("case", [pytest.param("", marks=real)])
