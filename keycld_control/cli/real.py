@@ -23,13 +23,15 @@ class Args:
 
     Attributes:
         data: Folder with the data sets; docs/real-data.md says where to get them.
-        only: Gates to run, parted by commas, for instance R3,R4; by default all.
+        only: Gates to run, parted by commas, for instance G3,R4; by default all.
+        gate: TOML file of a gate of your own, which is run instead.
         out: Folder for a JSON file and a page with plots per gate.
         json: Print one JSON object.
     """
 
     data: Positional[Path]
     only: str = ""
+    gate: Path | None = None
     out: Path | None = None
     json: bool = False
 
@@ -37,7 +39,7 @@ class Args:
 def run(args: Args) -> int:
     """Run gates, write results, print a table."""
     keep_compiled()
-    from keycld_control.benchmarks.real import GATES
+    from keycld_control.benchmarks.real import GATES, read_gate
     from keycld_control.benchmarks.real import run as run_gate
     from keycld_envs.errors import InputError
     from keycld_envs.progress import progress
@@ -45,19 +47,22 @@ def run(args: Args) -> int:
     names = [name.strip().upper() for name in args.only.split(",") if name.strip()] or list(GATES)
     if unknown := [name for name in names if name not in GATES]:
         raise InputError(f"--only names {unknown[0]!r}; there are {', '.join(GATES)}.")
+    if args.gate is not None and args.only:
+        raise InputError("--gate is one's own and --only names others; leave one of them out.")
+    chosen = [GATES[name] for name in names] if args.gate is None else [read_gate(args.gate)]
     if not args.data.is_dir():
         raise InputError(f"{args.data} is no folder; docs/real-data.md says where to get the data sets.")
     results: list[GateResult] = []
     try:
-        with progress("Gates", len(names)) as advance:
-            for name in names:
-                advance(0, name)
-                results.append(run_gate(GATES[name], args.data))
+        with progress("Gates", len(chosen)) as advance:
+            for gate in chosen:
+                advance(0, gate.name)
+                results.append(run_gate(gate, args.data))
                 if args.out is not None:
                     _write(results[-1], args.out)
                 advance(1)
     finally:  # after Ctrl-C too
-        if args.json and len(results) == len(names):
+        if args.json and len(results) == len(chosen):
             print_result({"gates": [result.to_dict() for result in results]}, as_json=True)
         elif results and not args.json:
             _print_table(results)

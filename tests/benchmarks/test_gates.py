@@ -1,7 +1,7 @@
 """What gates on real recordings ask of diagnoses, and effects that are concealed in recordings."""
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,20 +9,20 @@ import mujoco
 import numpy as np
 import pytest
 
-from keycld_control.benchmarks.real import ConcealedGate, Gate, dfki, run
-from keycld_control.benchmarks.real.concealed import Runs, hidden
-from keycld_control.benchmarks.real.gate import DataSplit, Diagnosed, Outcome, RecordingFile
-from keycld_control.benchmarks.real.gates import r1, r2, r4, r6
-from keycld_control.benchmarks.real.replay import SIGMA, Rig, refit, roll
-from keycld_control.benchmarks.real.rigs import RigidLink, pendulum
+from keycld_control.benchmarks.real import GATES, Gate, expectations, run
+from keycld_control.benchmarks.real.concealed import ConcealedGate, hidden
+from keycld_control.benchmarks.real.gate import DataSplit, Diagnosed, RecordingFile, Runs
+from keycld_control.benchmarks.real.halves import HalvesGate
+from keycld_control.benchmarks.real.replay import SIGMA, Observed, refit, roll
+from keycld_control.benchmarks.real.simulators import Link, Pendulum
 from keycld_control.benchmarks.refitting import JointPositions, Simulator
 from keycld_envs.conceal import conceal
 from keycld_envs.effects import ViscousFriction
 from keycld_envs.errors import InputError
-from keycld_envs.recordings.importers import Columns, Table
+from keycld_envs.recordings.importers import Columns
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Report, Unexplained
 
-PENDULUM = pendulum(RigidLink(1.0, 0.5, 0.3), motor=True)
+PENDULUM = Pendulum(Link(1.0, 0.5, 0.3), motor=True).model(Path())
 FRICTION = 0.05
 NOMINAL = {f"{what} of link": Estimate(1.0, "1", 0.9, 1.1) for what in ("mass", "length")}
 
@@ -32,60 +32,54 @@ def found(effect: str, where: str, **values: float) -> Finding:
     return Finding(effect, "dissipation", {"kind": "joint", "name": where}, sizes, "", 1.0, [])
 
 
-def diagnosed(*findings: Finding, left: bool = False, tables: Sequence[Table] = ()) -> Diagnosed:
-    verdict = "mismatch" if findings else "no_mismatch"
+def passes(name: str, *findings: Finding, left: bool = False) -> bool:
+    """Whether a gate with one diagnosis is reached by findings."""
+    gate = GATES[name]
+    assert isinstance(gate, Gate)
     errors, rest = FitErrors("", "mrad", 3.0, 2.0, 1.0), Unexplained(left, 0.1, None, "")
-    report = Report(verdict, "", list(findings), NOMINAL, rest, errors, [])
-    return Diagnosed(dfki.simulator(), tables, [], [], report, 1.0)
-
-
-def passes(check: Callable[..., Outcome], *findings: Finding, left: bool = False) -> bool:
-    return check({"diagnosis": diagnosed(*findings, left=left)}).passed
+    report = Report("mismatch" if findings else "no_mismatch", "", list(findings), NOMINAL, rest, errors, [])
+    diagnosed = Diagnosed(PENDULUM, [], [], [], [], report, 1.0)
+    return all(expectation.check(diagnosed).passed for expectation in gate.expectations)
 
 
 def test_r2_asks_for_both_frictions_and_no_viscous_one() -> None:
-    shoulder, elbow = (found("coulomb_friction", joint, c=c) for joint, c in r2.FRICTION.items())
-    assert passes(r2.check, shoulder, elbow)
-    assert not passes(r2.check, shoulder)
-    assert not passes(r2.check, shoulder, found("coulomb_friction", "elbow", c=1.2 * r2.FRICTION["elbow"]))
-    assert not passes(r2.check, shoulder, elbow, found("viscous_friction", "elbow", b=0.001))
-    outcome = r2.check({"diagnosis": diagnosed()})
-    assert outcome.reached == "no_mismatch" and outcome.numbers["errors_mrad"] == [3.0, 2.0, 1.0]
+    shoulder, elbow = found("coulomb_friction", "shoulder", c=0.251), found("coulomb_friction", "elbow", c=0.188)
+    assert passes("R2", shoulder, elbow)
+    assert not passes("R2", shoulder)
+    assert not passes("R2", shoulder, found("coulomb_friction", "elbow", c=0.226))
+    assert not passes("R2", shoulder, elbow, found("viscous_friction", "elbow", b=0.001))
 
 
 def test_r4_asks_for_drag_alone_and_for_what_it_does_not_explain() -> None:
     drag = found("quadratic_drag", "hinge", d=2e-4)
-    assert passes(r4.check, drag, left=True)
-    assert not passes(r4.check, drag, left=False)
-    assert not passes(r4.check, drag, found("viscous_friction", "hinge", b=1e-4), left=True)
-    assert not passes(r4.check, left=True)
-    outcome = r4.check({"diagnosis": diagnosed(drag)})
-    assert outcome.numbers["drag_per_inertia"] == pytest.approx(2e-4 / (0.0415 * 0.65**2))
-    assert "quadratic_drag at hinge (d = 0.0002" in outcome.reached
+    assert passes("R4", drag, left=True)
+    assert not passes("R4", drag, left=False)
+    assert not passes("R4", drag, found("viscous_friction", "hinge", b=1e-4), left=True)
+    assert not passes("R4", left=True)
 
 
 def test_r6_asks_for_the_frictions_that_the_owners_identified() -> None:
-    viscous = found("viscous_friction", "hinge", b=r6.PUBLISHED["Fv"])
-    coulomb = found("coulomb_friction", "hinge", c=r6.PUBLISHED["Fc"] * np.pi / 2)
-    assert passes(r6.check, viscous, coulomb)
-    assert not passes(r6.check, viscous)
-    assert not passes(r6.check, replace(viscous, parameters=found("", "", b=0.09).parameters), coulomb)
+    viscous, coulomb = found("viscous_friction", "hinge", b=0.04707), found("coulomb_friction", "hinge", c=0.289)
+    assert passes("R6", viscous, coulomb)
+    assert not passes("R6", viscous)
+    assert not passes("R6", found("viscous_friction", "hinge", b=0.09), coulomb)
 
 
-def test_r1_asks_for_every_push_and_for_no_other() -> None:
-    t = 0.01 * np.arange(400, dtype=np.float64)
-    pushed = {"tau_pert1": 0.6 * np.exp(-(((t - 1) / 0.1) ** 2)), "tau_pert2": np.zeros(400)}
-    tables = [Table(Path("log.csv"), {"time": t, **pushed})]
-    name = next(iter(r1.PUSHED))
-    right = replace(found("external_pulse", "shoulder", f=0.5), when=[(0.82, 1.18)])
-    false = replace(found("external_pulse", "elbow", f=0.5), when=[(3.0, 3.2)])
-    passed = [
-        r1.check({name: diagnosed(*findings, tables=tables)}).passed for findings in ((right,), (), (right, false))
-    ]
-    assert passed == [True, False, False]
-    calm = [Table(Path("log.csv"), {"time": t})]
-    assert r1.check({"undisturbed": diagnosed(tables=calm)}).passed
-    assert not r1.check({"undisturbed": diagnosed(false, tables=calm)}).passed
+def test_g3_asks_for_dry_friction_of_any_form_and_no_smooth_one() -> None:
+    shoulder = found("asymmetric_friction", "shoulder", forward=0.21, backward=0.29)
+    elbow = found("stribeck_friction", "elbow", c=0.15, extra=0.4, vs=0.1)
+    assert passes("G3", shoulder, elbow)
+    assert not passes("G3", elbow)
+    assert not passes("G3", found("asymmetric_friction", "shoulder", forward=0.1, backward=0.29), elbow)
+    assert not passes("G3", shoulder, elbow, found("quadratic_drag", "elbow", d=0.01))
+
+
+def test_g5_asks_for_mass_or_torque_and_for_the_doubt() -> None:
+    gain = replace(found("actuator_gain", "motor", k=0.465), rivals=["added_inertia"])
+    mass = replace(found("added_inertia", "link", m=0.575, x=1.0), rivals=["actuator_gain"])
+    assert passes("G5", gain) and passes("G5", mass)
+    assert not passes("G5", replace(gain, rivals=[])) and not passes("G5")
+    assert not passes("G5", replace(found("actuator_gain", "motor", k=0.9), rivals=["added_inertia"]))
 
 
 COLUMNS = Columns("t", {"hinge": "q"}, actions={"motor": "u"}, units={"q": "rad"})
@@ -109,11 +103,11 @@ def swinging(folder: Path, number: int, seconds: float) -> list[RecordingFile]:
 
 def test_long_rollouts_follow_what_was_measured_if_friction_is_fitted(tmp_path: Path) -> None:
     runs = [file.recording(tmp_path) for file in swinging(tmp_path, 3, 4.0)]
-    rig = Rig(Simulator(PENDULUM, 0.01), JointPositions(PENDULUM, np.full(1, SIGMA)))
-    fitted = refit(rig, (ViscousFriction("hinge", 1e-3),), runs[:2], 2.0)
+    observed = Observed(Simulator(PENDULUM, 0.01), JointPositions(PENDULUM, np.full(1, SIGMA)))
+    fitted = refit(observed, (ViscousFriction("hinge", 1e-3),), runs[:2], 2.0)
     (friction,) = fitted.effects
     assert isinstance(friction, ViscousFriction) and friction.b == pytest.approx(FRICTION, rel=0.1)
-    rollouts, without = (roll(rig, v, runs[2:], 2.0) for v in (fitted, refit(rig, (), runs[:2], 2.0)))
+    rollouts, without = (roll(observed, v, runs[2:], 2.0) for v in (fitted, refit(observed, (), runs[:2], 2.0)))
     assert rollouts.error() < 2.0 < 4.0 < without.error()
     assert rollouts.error(0) == rollouts.error()
 
@@ -122,11 +116,9 @@ def test_long_rollouts_follow_what_was_measured_if_friction_is_fitted(tmp_path: 
 def test_a_gate_diagnoses_its_files_and_draws_what_it_held_out(tmp_path: Path) -> None:
     files = swinging(tmp_path, 7, 3.0)
 
-    def check(diagnoses: Mapping[str, Diagnosed]) -> Outcome:
-        b = diagnoses["diagnosis"].estimate("viscous_friction", "b", "hinge")
-        return Outcome(diagnoses["diagnosis"].describe(), b == pytest.approx(FRICTION, rel=0.1))
-
-    gate = Gate("R9", "", "", lambda: PENDULUM, {"diagnosis": DataSplit(files[:5], files[5:])}, check, plotted=2.0)
+    friction = expectations.Finding(effect=("viscous_friction",), between={"b": (0.9 * FRICTION, 1.1 * FRICTION)})
+    error = expectations.Error(most=0.5, seconds=2.0)
+    gate = Gate("R9", "", lambda _: PENDULUM, {"": DataSplit(files[:5], files[5:])}, [friction, error], plotted=2.0)
     result = run(gate, tmp_path)
     assert result.passed and result.error is None
     assert [curve.title for curve in result.curves] == ["run 5, hinge", "run 6, hinge"]
@@ -147,7 +139,7 @@ def test_what_is_concealed_is_as_strong_as_was_drawn(seed: int, tmp_path: Path) 
 
 
 def concealed(files: Sequence[RecordingFile], nulls: float) -> ConcealedGate:
-    return ConcealedGate("G9", "", "", [Runs("pendulum", lambda _: PENDULUM, files, 0.2)], 1, nulls, 3)
+    return ConcealedGate("G9", "", [Runs("pendulum", lambda _: PENDULUM, files, 0.2)], 1, nulls, 3)
 
 
 @pytest.mark.slow
@@ -164,3 +156,13 @@ def test_a_gate_of_concealed_effects_without_its_files_says_which_is_missing(tmp
     result = concealed([RecordingFile("none.csv", COLUMNS, "", "", "")], 0.0).run(tmp_path)
     assert isinstance(result.error, InputError) and "none.csv" in result.reached
     assert not result.passed and result.numbers["cases"] == []
+
+
+@pytest.mark.slow
+def test_a_gate_of_halves_diagnoses_both_and_compares_them(tmp_path: Path) -> None:
+    runs = Runs("pendulum", lambda _: PENDULUM, swinging(tmp_path, 6, 3.0))
+    result = HalvesGate("G9", "", [runs], 1, 0).run(tmp_path)
+    assert result.error is None and list(result.reports) == ["pendulum 0a", "pendulum 0b"]
+    (own,) = result.numbers["rigs"].values()
+    assert own["findings"] >= 2 and own["confirmed"] == own["findings"]
+    assert {f["effect"] for f in result.numbers["found"]} == {"viscous_friction"}

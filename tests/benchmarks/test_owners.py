@@ -10,10 +10,10 @@ import pytest
 
 from keycld_control.benchmarks.real import servo
 from keycld_control.benchmarks.real.owners import double_pendulum, multiarm, servo_friction, simple_pendulum
-from keycld_control.benchmarks.real.owners.files import numbers_of
 from keycld_control.benchmarks.real.owners.servo_friction import ServoFriction
 from keycld_control.benchmarks.real.owners.versus import compare
-from keycld_control.benchmarks.real.replay import SIGMA, HeldOutRollouts, Rig, roll
+from keycld_control.benchmarks.real.parameter_files import numbers_of
+from keycld_control.benchmarks.real.replay import SIGMA, HeldOutRollouts, Observed, roll
 from keycld_control.benchmarks.refitting import JointPositions, Simulator, Variant
 from keycld_envs.effects import GearFriction
 from keycld_envs.errors import InputError
@@ -100,7 +100,7 @@ def test_the_servo_moves_as_its_law_says(name):
     recording = recorded(driven(FRICTIONS[name][0]))
     model = servo.servo(KT, OHM, ROTOR, 0.0)
     simulator = Simulator(model, 0.005)
-    rig = Rig(simulator, JointPositions(model, np.full(1, SIGMA)))
+    rig = Observed(simulator, JointPositions(model, np.full(1, SIGMA)))
     none = np.zeros(len(simulator.nuisances) + len(rig.observation.nuisances))
     errors = {key: roll(rig, Variant(none, own), [recording], 0.5).error() for key, (_, own) in FRICTIONS.items()}
     assert errors[name] < 2.0  # mrad; commands are averaged over the samples

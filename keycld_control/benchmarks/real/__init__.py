@@ -1,12 +1,10 @@
 """Gates on real recordings: what the diagnosis must show on mechanisms of other people (docs/real-data.md)."""
 
-from keycld_control.benchmarks.real.concealed import ConcealedGate
+from keycld_control.benchmarks.real.declaration import gates, read_gate
 from keycld_control.benchmarks.real.gate import Curve, Gate, GateResult
-from keycld_control.benchmarks.real.gates import find_gates
-from keycld_control.benchmarks.real.owners.gate import OwnersGate
-from keycld_control.benchmarks.real.runner import run
+from keycld_control.benchmarks.real.runner import AnyGate, run
 
-GATES: dict[str, Gate | ConcealedGate | OwnersGate] = find_gates()
+GATES: dict[str, AnyGate] = gates()
 """By name."""
 
-__all__ = ["GATES", "ConcealedGate", "Curve", "Gate", "GateResult", "run"]
+__all__ = ["GATES", "AnyGate", "Curve", "Gate", "GateResult", "read_gate", "run"]

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_control.benchmarks.refitting import Finding
+from keycld_envs.effects import effect_class
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 from keycld_envs.recordings.importers import Columns, Table, assemble, read_csv
@@ -62,12 +63,31 @@ class DataSplit:
     """The files of one diagnosis.
 
     Attributes:
-        training: to learn from.
-        held_out: to test on; without any, the diagnosis holds out a third of the training data.
+        recordings: to learn from.
+        held_out: to test on; without any, the diagnosis holds out a part by itself.
+        baseline: of the mechanism before; with it, the question is what changed.
     """
 
-    training: Sequence[RecordingFile]
+    recordings: Sequence[RecordingFile]
     held_out: Sequence[RecordingFile] = ()
+    baseline: Sequence[RecordingFile] = ()
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Runs of one rig, from which a gate draws.
+
+    Attributes:
+        name: of the rig.
+        simulator: makes its model, of the folder with the data.
+        files: one per run.
+        left: root mean square of what a simulator with friction leaves over 0.2 s, N m; for effects to be concealed.
+    """
+
+    name: str
+    simulator: Callable[[Path], mujoco.MjModel]
+    files: Sequence[RecordingFile]
+    left: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -76,8 +96,9 @@ class Diagnosed:
 
     Attributes:
         model: the simulator.
-        tables: all that the training files hold, also what was hidden from the diagnosis.
-        training: recordings to learn from.
+        tables: all that the files hold of `recordings`, also what was hidden from the diagnosis.
+        recordings: that were handed in.
+        training: those of them that it learned from.
         held_out: recordings to test on.
         report: of the diagnosis.
         seconds: that it took.
@@ -85,6 +106,7 @@ class Diagnosed:
 
     model: mujoco.MjModel
     tables: Sequence[Table]
+    recordings: Sequence[Recording]
     training: Sequence[Recording]
     held_out: Sequence[Recording]
     report: Report
@@ -95,16 +117,6 @@ class Diagnosed:
         """Held-out errors of the nominal, the refitted and the corrected simulator, mrad or mm."""
         fit = self.report.fit
         return [fit.nominal, fit.refitted, fit.corrected]
-
-    def find(self, effect: str, where: str | None = None) -> Finding | None:
-        """The finding of an effect, anywhere or at one place; None if there is none."""
-        found = (f for f in self.report.findings if f.effect == effect and where in (None, f.where["name"]))
-        return next(found, None)
-
-    def estimate(self, effect: str, parameter: str, where: str) -> float | None:
-        """The value found of an effect's parameter; None if the effect was not found there."""
-        found = self.find(effect, where)
-        return None if found is None else found.parameters[parameter].value
 
     def describe(self) -> str:
         """The findings with their parameters in one line, or the verdict if there are none."""
@@ -117,9 +129,15 @@ class Diagnosed:
         return "; ".join(findings) or self.report.verdict
 
 
+def family_of(finding: Finding) -> str:
+    """Group of effects that do nearly the same, such as "dry friction", or the slot of the equations."""
+    kind = effect_class(finding.effect, finding.where["kind"])
+    return kind.confusable.group if kind is not None and kind.confusable is not None else finding.family
+
+
 @dataclass(frozen=True)
 class Outcome:
-    """What a gate's check says of its diagnoses.
+    """What a check says of a diagnosis.
 
     Attributes:
         reached: in words.
@@ -132,29 +150,49 @@ class Outcome:
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
 
+class Expectation(Protocol):
+    """Something that a diagnosis must show."""
+
+    @property
+    def of(self) -> tuple[str, ...]:
+        """Names of the diagnoses that must show it; all, if there are none."""
+        ...
+
+    def required(self) -> str:
+        """What, in words."""
+        ...
+
+    def check(self, diagnosed: Diagnosed) -> Outcome:
+        """Whether one does."""
+        ...
+
+
 @dataclass(frozen=True)
 class Gate:
-    """A real mechanism, its simulator, and what a diagnosis of the two must show.
+    """What the diagnosis is given, and what it must show.
 
     Attributes:
         name: "R3".
         title: the mechanism.
-        required: what must be shown, in words.
-        simulator: makes the model that lacks what must be found.
-        data: files of each diagnosis, by its name.
-        check: compares diagnoses by name with what is required.
-        tracked: positions were read off images of a camera.
-        plotted: length of the rollouts that are plotted of held-out recordings, s; None for no plots.
+        simulator: makes its model, of the folder with the data.
+        diagnoses: files by the name of the diagnosis; each is one call.
+        expectations: all must be met.
+        tracked: positions were read off a video.
+        plotted: length of the rollouts that are drawn, s; None for no plots.
     """
 
     name: str
     title: str
-    required: str
-    simulator: Callable[[], mujoco.MjModel]
-    data: Mapping[str, DataSplit]
-    check: Callable[[Mapping[str, Diagnosed]], Outcome]
+    simulator: Callable[[Path], mujoco.MjModel]
+    diagnoses: Mapping[str, DataSplit]
+    expectations: Sequence[Expectation]
     tracked: bool = False
     plotted: float | None = None
+
+    @property
+    def required(self) -> str:
+        """What must be shown, in words."""
+        return "; ".join(e.required() + (f" ({', '.join(e.of)})" if e.of else "") for e in self.expectations)
 
 
 @dataclass(frozen=True)

@@ -42,14 +42,14 @@ class HeldOutRollouts:
 
 
 @dataclass(frozen=True)
-class Rig:
+class Observed:
     """A simulator, and what is measured of its motion."""
 
     simulator: Simulator
     observation: JointPositions
 
     @classmethod
-    def of(cls, report: Report, model: mujoco.MjModel) -> "Rig":
+    def of(cls, report: Report, model: mujoco.MjModel) -> "Observed":
         """With the integration step and the errors of sensors that a diagnosis chose."""
         own = report.details["step_s"] == model.opt.timestep
         noise = np.full(model.nv, SIGMA)
@@ -57,21 +57,21 @@ class Rig:
         return cls(Simulator(model, None if own else float(report.details["step_s"])), observation)
 
 
-def variant(report: Report, rig: Rig, *, findings: bool) -> Variant:
+def variant(report: Report, observed: Observed, *, findings: bool) -> Variant:
     """The simulator with the nuisances of the report, and with or without its effects."""
     values = [
         float(np.log(value)) if nuisance.factor else value
-        for nuisance in (*rig.simulator.nuisances, *rig.observation.nuisances)
+        for nuisance in (*observed.simulator.nuisances, *observed.observation.nuisances)
         for value in [report.nuisance[nuisance.name].value]
     ]
     return Variant(np.array(values), report.evidence.effects if findings and report.evidence is not None else ())
 
 
-def roll(rig: Rig, simulated: Variant, recordings: Sequence[Recording], seconds: float) -> HeldOutRollouts:
+def roll(observed: Observed, simulated: Variant, recordings: Sequence[Recording], seconds: float) -> HeldOutRollouts:
     """Rollouts that follow recordings.
 
     Args:
-        rig: simulator and sensors.
+        observed: simulator and sensors.
         simulated: its nuisances and effects.
         recordings: to be followed.
         seconds: of each rollout, at most; a recording that is shorter is one rollout.
@@ -79,7 +79,7 @@ def roll(rig: Rig, simulated: Variant, recordings: Sequence[Recording], seconds:
     parts = []
     for index, recording in enumerate(map(refitting.thin, recordings)):
         samples = min(len(np.asarray(recording.t_state)), _samples(recording, seconds))
-        problem = refitting.windowed(rig.simulator, [recording], rig.observation, samples)
+        problem = refitting.windowed(observed.simulator, [recording], observed.observation, samples)
         predicted = refitting.predicted(refitting.refit_states(problem, simulated, 15))
         for w in range(len(problem.windows)):
             parts.append((index, problem.windows.time[w], problem.windows.measured[w], predicted[w]))
@@ -88,19 +88,19 @@ def roll(rig: Rig, simulated: Variant, recordings: Sequence[Recording], seconds:
     return HeldOutRollouts(np.array([part[0] for part in parts]), *(np.stack(c) for c in columns))
 
 
-def refit(rig: Rig, effects: Sequence[Effect], recordings: Sequence[Recording], seconds: float) -> Variant:
+def refit(observed: Observed, effects: Sequence[Effect], recordings: Sequence[Recording], seconds: float) -> Variant:
     """Nuisances and given effects fitted to long rollouts, for comparison with what a diagnosis found."""
     thinned = [refitting.thin(r) for r in recordings]
     samples = min(min(len(np.asarray(r.t_state)) for r in thinned), _samples(thinned[0], seconds))
-    problem = refitting.windowed(rig.simulator, thinned, rig.observation, samples)
+    problem = refitting.windowed(observed.simulator, thinned, observed.observation, samples)
     return refitting.refit(problem, effects, 25).point.variant
 
 
 def curves(report: Report, model: mujoco.MjModel, recordings: Sequence[Recording], seconds: float) -> list[Curve]:
     """The first rollout of each recording and joint, measured, refitted, corrected."""
-    rig = Rig.of(report, model)
+    observed = Observed.of(report, model)
     rollouts = {
-        name: roll(rig, variant(report, rig, findings=added), recordings, seconds)
+        name: roll(observed, variant(report, observed, findings=added), recordings, seconds)
         for name, added in (("refitted", False), ("corrected", True))
     }
     out, first = [], rollouts["refitted"]

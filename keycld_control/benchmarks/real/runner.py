@@ -1,20 +1,22 @@
 """Runs a gate: reads its recordings, diagnoses them, and checks what was found."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from keycld_control.benchmarks.real.concealed import ConcealedGate
 from keycld_control.benchmarks.real.gate import DataSplit, Diagnosed, Gate, GateResult, Outcome
+from keycld_control.benchmarks.real.halves import HalvesGate
 from keycld_control.benchmarks.real.owners.gate import OwnersGate
 from keycld_control.benchmarks.real.replay import curves
 from keycld_control.benchmarks.refitting import split
 from keycld_envs.recordings import Recording
-from keycld_envs.recordings.importers import Table
 from keycld_model.diagnosis import diagnose
 
+AnyGate = Gate | ConcealedGate | HalvesGate | OwnersGate
 
-def run(gate: Gate | ConcealedGate | OwnersGate, folder: Path) -> GateResult:
+
+def run(gate: AnyGate, folder: Path) -> GateResult:
     """The result of a gate on the data sets of a folder.
 
     An error ends the gate and is part of its result, with the reports of the diagnoses that were completed before.
@@ -22,15 +24,14 @@ def run(gate: Gate | ConcealedGate | OwnersGate, folder: Path) -> GateResult:
     if not isinstance(gate, Gate):
         return gate.run(folder)
     start, error, drawn = time.perf_counter(), None, []
-    diagnoses: dict[str, Diagnosed] = {}
+    diagnosed: dict[str, Diagnosed] = {}
     try:
-        recordings = {name: _read(data, folder) for name, data in gate.data.items()}  # all, before the first diagnosis
-        for name, (training, held_out) in recordings.items():
-            tables = [file.table(folder) for file in gate.data[name].training]
-            diagnoses[name] = _diagnose(gate, tables, training, held_out)
-        outcome = gate.check(diagnoses)
+        recordings = {name: _read(data, folder) for name, data in gate.diagnoses.items()}  # all, before the first one
+        for name, parts in recordings.items():
+            diagnosed[name] = _diagnosed(gate, name, parts, folder)
+        outcome = _outcome(gate, diagnosed)
         if gate.plotted is not None:
-            drawn = [curve for d in diagnoses.values() for curve in curves(d.report, d.model, d.held_out, gate.plotted)]
+            drawn = [c for d in diagnosed.values() for c in curves(d.report, d.model, d.held_out, gate.plotted)]
     except Exception as failure:
         error, outcome = failure, Outcome(f"could not run: {failure}", False)
     return GateResult(
@@ -41,23 +42,42 @@ def run(gate: Gate | ConcealedGate | OwnersGate, folder: Path) -> GateResult:
         passed=outcome.passed,
         numbers=outcome.numbers,
         seconds=round(time.perf_counter() - start, 1),
-        reports={name: d.report for name, d in diagnoses.items()},
+        reports={name: d.report for name, d in diagnosed.items()},
         curves=drawn,
         error=error,
     )
 
 
-def _read(data: DataSplit, folder: Path) -> tuple[list[Recording], list[Recording]]:
-    """Training and held-out recordings."""
-    return [file.recording(folder) for file in data.training], [file.recording(folder) for file in data.held_out]
+def _read(data: DataSplit, folder: Path) -> tuple[list[Recording], ...]:
+    """Recordings, held-out ones, and the baseline."""
+    return tuple([f.recording(folder) for f in files] for files in (data.recordings, data.held_out, data.baseline))
 
 
-def _diagnose(
-    gate: Gate, tables: Sequence[Table], training: Sequence[Recording], held_out: Sequence[Recording]
-) -> Diagnosed:
-    model, start = gate.simulator(), time.perf_counter()
-    report = diagnose(training, model, held_out, gate.tracked)
-    seconds = round(time.perf_counter() - start, 1)
+def _diagnosed(gate: Gate, name: str, parts: tuple[list[Recording], ...], folder: Path) -> Diagnosed:
+    model, start = gate.simulator(folder), time.perf_counter()
+    recordings, held_out, baseline = parts
+    tables = [file.table(folder) for file in gate.diagnoses[name].recordings]
+    report = diagnose(recordings, model, held_out, gate.tracked, baseline=baseline)
+    seconds, training = round(time.perf_counter() - start, 1), recordings
     if not held_out:
-        training, held_out = split(training, model)
-    return Diagnosed(model, tables, training, held_out, report, seconds)
+        training, held_out = (recordings, recordings) if baseline else split(recordings, model)
+    return Diagnosed(model, tables, recordings, training, held_out, report, seconds)
+
+
+def _outcome(gate: Gate, diagnosed: Mapping[str, Diagnosed]) -> Outcome:
+    """What each diagnosis found, and what of the expectations it does not meet."""
+    reached, passed = [], True
+    numbers: dict[str, object] = {}
+    for name, one in diagnosed.items():
+        checks = [(e, e.check(one)) for e in gate.expectations if not e.of or name in e.of]
+        missed = [e.required() for e, outcome in checks if not outcome.passed]
+        words = [one.describe(), *(outcome.reached for _, outcome in checks if outcome.reached)]
+        words += [f"missed: {'; '.join(missed)}"] if missed else []
+        reached.append((f"{name}: " if len(diagnosed) > 1 else "") + "; ".join(words))
+        passed &= not missed
+        numbers[name] = {
+            "checks": [{"required": e.required(), "passed": o.passed} | dict(o.numbers) for e, o in checks],
+            "errors": one.errors,
+            "diagnosis_s": one.seconds,
+        }
+    return Outcome(". ".join(reached), passed, numbers)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from keycld_control.benchmarks.real.gate import RecordingFile
-from keycld_control.benchmarks.real.owners.files import numbers_of
+from keycld_control.benchmarks.real.parameter_files import numbers_of
 from keycld_envs.errors import InputError
 from keycld_envs.recordings.importers import Columns, Table, read_json_log
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from keycld_control.benchmarks.real.owners.model import OwnersModel
-from keycld_control.benchmarks.real.rigs import RigidLink, pendulum
+from keycld_control.benchmarks.real.simulators import Link, Pendulum
 from keycld_envs.effects import ViscousFriction
 from keycld_envs.errors import InputError
 from keycld_envs.recordings.importers import read_mat
@@ -21,6 +21,6 @@ def owners_models(folder: Path) -> list[OwnersModel]:
     if len(values) != 5:
         raise InputError(f"{folder / FILE} has no five EstimatedParameters; get it anew, see docs/real-data.md.")
     mass, com, inertia, viscous, gravity = map(float, values)
-    link = RigidLink(mass, com, inertia + mass * com**2)
-    simulator = pendulum(link, motor=False, turned=180.0, gravity=gravity)
+    link = Link(mass, com, inertia + mass * com**2)
+    simulator = Pendulum(link, turned=180.0, gravity=gravity).model(folder)
     return [OwnersModel("EstimatedParameters", simulator, (ViscousFriction("hinge", viscous),))]

@@ -9,7 +9,7 @@ import numpy as np
 
 from keycld_control.benchmarks.real.gate import RecordingFile
 from keycld_control.benchmarks.real.owners.model import OwnersModel
-from keycld_control.benchmarks.real.replay import SIGMA, HeldOutRollouts, Rig, roll, variant
+from keycld_control.benchmarks.real.replay import SIGMA, HeldOutRollouts, Observed, roll, variant
 from keycld_control.benchmarks.refitting import JointPositions, Simulator, Variant, accurate_step
 from keycld_model.diagnosis import Report, diagnose
 
@@ -27,8 +27,9 @@ class OwnersRig:
         name: of it.
         training: files to diagnose.
         held_out: files to compare on.
-        owners: makes all that they published of it, of the folder with the data sets. What does best on the training
-            recordings is compared with; without its friction, it is the simulator that is diagnosed.
+        owners: makes all that they published of it, of the folder with the data sets. One of them is compared with;
+            without its friction, it is the simulator that is diagnosed.
+        model: the one that is compared with; if None, what does best on the training recordings.
         tested: the diagnosis is given the held-out recordings, too, to test its findings on.
     """
 
@@ -36,6 +37,7 @@ class OwnersRig:
     training: Sequence[RecordingFile]
     held_out: Sequence[RecordingFile]
     owners: Callable[[Path], Sequence[OwnersModel]]
+    model: str | None = None
     tested: bool = False
 
 
@@ -96,21 +98,21 @@ def versus(rig: OwnersRig, folder: Path) -> Versus:
     step = accurate_step(training)
     published = {model.name: (_as_published(model, step), model.simulator) for model in rig.owners(folder)}
     errors = {name: roll(*simulated, training, HORIZONS[1]).error() for name, (simulated, _) in published.items()}
-    best = min(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
+    best = rig.model or min(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     theirs, simulator = published[best]
     start = time.perf_counter()
     report = diagnose(training, simulator, held_out if rig.tested else ())
     seconds = round(time.perf_counter() - start, 1)
-    own = Rig.of(report, simulator)
+    own = Observed.of(report, simulator)
     ours = own, variant(report, own, findings=True)
     compared = tuple(compare(roll(*theirs, held_out, s), roll(*ours, held_out, s), s) for s in HORIZONS)
     return Versus(rig.name, best, report, compared, seconds)
 
 
-def _as_published(model: OwnersModel, step: float) -> tuple[Rig, Variant]:
+def _as_published(model: OwnersModel, step: float) -> tuple[Observed, Variant]:
     """Without anything refitted."""
     simulator = Simulator(model.simulator, step)
-    rig = Rig(simulator, JointPositions(model.simulator, np.full(model.simulator.nv, SIGMA)))
+    rig = Observed(simulator, JointPositions(model.simulator, np.full(model.simulator.nv, SIGMA)))
     return rig, Variant(np.zeros(len(simulator.nuisances) + len(rig.observation.nuisances)), model.effects)
 
 

@@ -1,0 +1,154 @@
+"""A gate of halves: do findings from one half of somebody's recordings come out of the other half, too?
+
+Nobody knows what real mechanisms lack; but what is there is in both halves.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from keycld_control.benchmarks.real.concealed import interval, share
+from keycld_control.benchmarks.real.gate import GateResult, Runs, family_of
+from keycld_envs.progress import progress
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis import Report, diagnose
+
+AGREE = 0.9
+"""Share of the confident findings that the other half must confirm."""
+CONFIDENT = 0.5
+"""Confidence from which a finding counts as such."""
+BINS = (0.0, 0.25, CONFIDENT, 0.75, 1.01)
+"""Edges of the confidences that are counted together."""
+REQUIRED = (
+    f"findings of confidence ≥ {CONFIDENT:g} agree in family and place in ≥ {AGREE:.0%}; of findings of confidence c, "
+    "a share c is confirmed by the other half"
+)
+
+
+def confirmed(report: Report, other: Report) -> list[dict[str, Any]]:
+    """Findings of one half, and what the other half says of them."""
+    out = []
+    for finding in report.findings:
+        same = [f for f in other.findings if (family_of(f), f.where) == (family_of(finding), finding.where)]
+        of_family = finding.confidence if finding.family_confidence is None else finding.family_confidence
+        out.append(
+            {
+                "effect": finding.effect,
+                "family": family_of(finding),
+                "where": finding.where["name"],
+                "confidence": finding.confidence,
+                "family_confidence": of_family,
+                "confirmed": bool(same),
+                "named": any(f.effect == finding.effect for f in same),
+            }
+        )
+    return out
+
+
+def summary(found: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Counts of findings by confidence in family and place, and how many the other half confirms."""
+    bins = []
+    for low, high in pairwise(BINS):
+        own = [f for f in found if low <= f["family_confidence"] < high]
+        if own:
+            mean = float(np.mean([f["family_confidence"] for f in own]))
+            counts = {"findings": len(own), "confirmed": sum(f["confirmed"] for f in own)}
+            bins.append({"from": low, "to": min(high, 1.0), "confidence": round(mean, 3)} | counts)
+    confident = [f for f in found if f["family_confidence"] >= CONFIDENT]
+    return {
+        "findings": len(found),
+        "confirmed": sum(f["confirmed"] for f in found),
+        "named": sum(f["named"] for f in found),
+        "confident": len(confident),
+        "confident_confirmed": sum(f["confirmed"] for f in confident),
+        "calibration": bins,
+    }
+
+
+def calibrated(bins: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether chance explains how shares differ from confidences: 95 % intervals of the shares contain them."""
+    return all(low <= b["confidence"] <= high for b in bins for low, high in [interval(b["confirmed"], b["findings"])])
+
+
+def passed(numbers: Mapping[str, Any]) -> bool:
+    """Whether all that is required was reached; without a confident finding, it is not."""
+    n = numbers
+    agree = n["confident"] > 0 and n["confident_confirmed"] >= AGREE * n["confident"]
+    return bool(agree and calibrated(n["calibration"]))
+
+
+def described(numbers: Mapping[str, Any]) -> str:
+    """Counts in words."""
+    n = numbers
+    bins = ", ".join(f"{share(b['confirmed'], b['findings'])} at {b['confidence']:.2f}" for b in n["calibration"])
+    return (
+        f"of confidence ≥ {CONFIDENT:g}, confirmed {share(n['confident_confirmed'], n['confident'])}; of all findings "
+        f"{share(n['confirmed'], n['findings'])}, with the same name {share(n['named'], n['findings'])}; by mean "
+        f"confidence: {bins or 'none'}"
+    )
+
+
+@dataclass(frozen=True)
+class HalvesGate:
+    """Diagnoses of disjoint halves of recordings, of several rigs.
+
+    Attributes:
+        name: "G8".
+        title: of the gate.
+        runs: of each rig.
+        splits: how often the runs of a rig are parted, at random.
+        seed: of what is drawn.
+    """
+
+    name: str
+    title: str
+    runs: Sequence[Runs]
+    splits: int
+    seed: int
+
+    def run(self, folder: Path) -> GateResult:
+        """The result on the data sets of a folder."""
+        start, error = time.perf_counter(), None
+        reports: dict[str, Report] = {}
+        found: list[dict[str, Any]] = []
+        try:
+            read = [(one.simulator(folder), [f.recording(folder) for f in one.files]) for one in self.runs]
+            with progress(self.name, 2 * len(read) * self.splits) as advance:
+                for number, (runs, (model, recordings)) in enumerate(zip(self.runs, read, strict=True)):
+                    for split in range(self.splits):
+                        halves = parted(recordings, np.random.default_rng([self.seed, number, split]))
+                        both = []
+                        for part, half in zip("ab", halves, strict=True):
+                            both.append(replace(diagnose(half, model), evidence=None))
+                            reports[f"{runs.name} {split}{part}"] = both[-1]
+                            advance(1)
+                        for part, own, other in (("a", both[0], both[1]), ("b", both[1], both[0])):
+                            where = {"rig": runs.name, "half": f"{split}{part}", "verdict": own.verdict}
+                            found += [where | f for f in confirmed(own, other)]
+        except Exception as failure:
+            error = failure
+        numbers = summary(found)
+        by_rig = {one.name: summary([f for f in found if f["rig"] == one.name]) for one in self.runs}
+        return GateResult(
+            self.name,
+            self.title,
+            REQUIRED,
+            f"could not run: {error}" if error is not None else described(numbers),
+            error is None and passed(numbers),
+            numbers | {"rigs": by_rig, "found": found},
+            round(time.perf_counter() - start, 1),
+            reports,
+            error=error,
+        )
+
+
+def parted(recordings: Sequence[Recording], rng: np.random.Generator) -> tuple[list[Recording], list[Recording]]:
+    """Two halves, at random."""
+    order = [recordings[i] for i in rng.permutation(len(recordings))]
+    half = len(order) // 2
+    return order[:half], order[half:]
