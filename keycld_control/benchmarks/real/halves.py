@@ -93,11 +93,11 @@ def described(numbers: Mapping[str, Any]) -> str:
     def told(bins: Sequence[Mapping[str, Any]]) -> str:
         return ", ".join(f"{share(b['right'], b['findings'])} at {b['confidence']:.2f}" for b in bins) or "none"
 
+    words = (("confirmed", "family"), ("alike", "group"), ("named", "name"))
+    agree = ", ".join(f"in {word} {share(n[key], n['findings'])}" for key, word in words)
     return (
-        f"of confidence ≥ {CONFIDENT:g}, confirmed {share(n['confident_confirmed'], n['confident'])}; of all, in "
-        f"family {share(n['confirmed'], n['findings'])}, in kind of friction {share(n['alike'], n['findings'])}, in name "
-        f"{share(n['named'], n['findings'])}; by mean confidence in the family: {told(n['of_family'])}; in the effect: "
-        f"{told(n['of_effect'])}"
+        f"of confidence ≥ {CONFIDENT:g}, confirmed {share(n['confident_confirmed'], n['confident'])}; of all, {agree}; "
+        f"by mean confidence in the family: {told(n['of_family'])}; in the effect: {told(n['of_effect'])}"
     )
 
 
