@@ -239,16 +239,17 @@ def test_halves_confirm_what_both_find_in_family_and_place() -> None:
     stribeck = found("stribeck_friction", "hinge", 0.6)
     here, there = report(COULOMB, VISCOUS), report(stribeck, found("viscous_friction", "elbow"))
     own = confirmed(here, there)
-    assert [(f["family"], f["confirmed"], f["named"]) for f in own] == [
-        ("dry friction", True, False),
-        ("dissipation", False, False),
+    assert [[f[key] for key in ("confirmed", "alike", "named")] for f in own] == [
+        [True, True, False],
+        [True, False, False],
     ]
-    counts = summary(own)
-    assert (counts["confident"], counts["confident_confirmed"]) == (2, 1) and not passed(counts)
+    assert not any(f["confirmed"] for f in confirmed(here, report(found("coulomb_friction", "elbow"))))
     assert not passed(summary([]))  # nothing found is nothing shown
-    right = confirmed(report(COULOMB), report(stribeck))
-    assert passed(summary(right * 3)) and calibrated(summary(right * 3)["calibration"])
-    assert not passed(summary(right * 40))  # all confirmed, told with a confidence of .8
+    sure = confirmed(report(COULOMB), report(COULOMB))
+    assert passed(summary(sure * 3)) and calibrated(summary(sure * 3)["of_family"])
+    assert not passed(summary(sure * 40))  # all confirmed, told with a confidence of .8
+    counts = summary(sure + confirmed(report(COULOMB), report()))
+    assert (counts["confident"], counts["confident_confirmed"]) == (2, 1) and not passed(counts)
 
 
 def test_halves_are_disjoint_and_all_there_is() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from keycld_control.benchmarks.real import pushes
 from keycld_control.benchmarks.real.fields import check_known
-from keycld_control.benchmarks.real.gate import Array, Diagnosed, Expectation, Outcome, family_of
+from keycld_control.benchmarks.real.gate import Array, Diagnosed, Expectation, Outcome, group_of
 from keycld_control.benchmarks.real.replay import Observed, refit, roll, variant
 from keycld_control.benchmarks.refitting import Finding as Found
 from keycld_envs.effects import EFFECTS, Effect
@@ -51,7 +51,7 @@ class Kind:
         """Whether a finding is of this kind."""
         return (
             (not self.effect or found.effect in self.effect)
-            and (self.family is None or self.family in (found.family, family_of(found)))
+            and (self.family is None or self.family in (found.family, group_of(found)))
             and (not self.at or found.where["name"] in self.at)
         )
 

@@ -129,7 +129,7 @@ class Diagnosed:
         return "; ".join(findings) or self.report.verdict
 
 
-def family_of(finding: Finding) -> str:
+def group_of(finding: Finding) -> str:
     """Group of effects that do nearly the same, such as "dry friction", or the slot of the equations."""
     kind = effect_class(finding.effect, finding.where["kind"])
     return kind.confusable.group if kind is not None and kind.confusable is not None else finding.family

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from keycld_control.benchmarks.real.concealed import interval, share
-from keycld_control.benchmarks.real.gate import GateResult, Runs, family_of
+from keycld_control.benchmarks.real.gate import GateResult, Runs, group_of
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis import Report, diagnose
@@ -22,7 +22,7 @@ AGREE = 0.9
 """Share of the confident findings that the other half must confirm."""
 CONFIDENT = 0.5
 """Confidence from which a finding counts as such."""
-BINS = (0.0, 0.25, CONFIDENT, 0.75, 1.01)
+BINS = (0.0, 0.25, CONFIDENT, 0.75, np.inf)
 """Edges of the confidences that are counted together."""
 REQUIRED = (
     f"findings of confidence ≥ {CONFIDENT:g} agree in family and place in ≥ {AGREE:.0%}; of findings of confidence c, "
@@ -31,65 +31,73 @@ REQUIRED = (
 
 
 def confirmed(report: Report, other: Report) -> list[dict[str, Any]]:
-    """Findings of one half, and what the other half says of them."""
+    """Findings of one half, and whether the other has the same family, group of effects, or effect there."""
     out = []
     for finding in report.findings:
-        same = [f for f in other.findings if (family_of(f), f.where) == (family_of(finding), finding.where)]
+        there = [f for f in other.findings if f.where == finding.where]
         of_family = finding.confidence if finding.family_confidence is None else finding.family_confidence
         out.append(
             {
                 "effect": finding.effect,
-                "family": family_of(finding),
+                "family": finding.family,
                 "where": finding.where["name"],
                 "confidence": finding.confidence,
                 "family_confidence": of_family,
-                "confirmed": bool(same),
-                "named": any(f.effect == finding.effect for f in same),
+                "confirmed": any(f.family == finding.family for f in there),
+                "alike": any(group_of(f) == group_of(finding) for f in there),
+                "named": any(f.effect == finding.effect for f in there),
             }
         )
     return out
 
 
-def summary(found: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Counts of findings by confidence in family and place, and how many the other half confirms."""
-    bins = []
+def calibration(found: Sequence[Mapping[str, Any]], confidence: str, right: str) -> list[dict[str, Any]]:
+    """Findings counted by a confidence, with its mean, and how many of them are right."""
+    out = []
     for low, high in pairwise(BINS):
-        own = [f for f in found if low <= f["family_confidence"] < high]
-        if own:
-            mean = float(np.mean([f["family_confidence"] for f in own]))
-            counts = {"findings": len(own), "confirmed": sum(f["confirmed"] for f in own)}
-            bins.append({"from": low, "to": min(high, 1.0), "confidence": round(mean, 3)} | counts)
+        if own := [f for f in found if low <= f[confidence] < high]:
+            mean = round(float(np.mean([f[confidence] for f in own])), 3)
+            out.append({"confidence": mean, "findings": len(own), "right": sum(f[right] for f in own)})
+    return out
+
+
+def summary(found: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Counts of findings, how many the other half confirms, and whether they were as sure as that."""
     confident = [f for f in found if f["family_confidence"] >= CONFIDENT]
     return {
         "findings": len(found),
-        "confirmed": sum(f["confirmed"] for f in found),
-        "named": sum(f["named"] for f in found),
+        **{key: sum(f[key] for f in found) for key in ("confirmed", "alike", "named")},
         "confident": len(confident),
         "confident_confirmed": sum(f["confirmed"] for f in confident),
-        "calibration": bins,
+        "of_family": calibration(found, "family_confidence", "confirmed"),
+        "of_effect": calibration(found, "confidence", "named"),
     }
 
 
 def calibrated(bins: Sequence[Mapping[str, Any]]) -> bool:
     """Whether chance explains how shares differ from confidences: 95 % intervals of the shares contain them."""
-    return all(low <= b["confidence"] <= high for b in bins for low, high in [interval(b["confirmed"], b["findings"])])
+    return all(low <= b["confidence"] <= high for b in bins for low, high in [interval(b["right"], b["findings"])])
 
 
 def passed(numbers: Mapping[str, Any]) -> bool:
     """Whether all that is required was reached; without a confident finding, it is not."""
     n = numbers
     agree = n["confident"] > 0 and n["confident_confirmed"] >= AGREE * n["confident"]
-    return bool(agree and calibrated(n["calibration"]))
+    return bool(agree and calibrated(n["of_family"]) and calibrated(n["of_effect"]))
 
 
 def described(numbers: Mapping[str, Any]) -> str:
     """Counts in words."""
     n = numbers
-    bins = ", ".join(f"{share(b['confirmed'], b['findings'])} at {b['confidence']:.2f}" for b in n["calibration"])
+
+    def told(bins: Sequence[Mapping[str, Any]]) -> str:
+        return ", ".join(f"{share(b['right'], b['findings'])} at {b['confidence']:.2f}" for b in bins) or "none"
+
+    words = (("confirmed", "family"), ("alike", "group"), ("named", "name"))
+    agree = ", ".join(f"in {word} {share(n[key], n['findings'])}" for key, word in words)
     return (
-        f"of confidence ≥ {CONFIDENT:g}, confirmed {share(n['confident_confirmed'], n['confident'])}; of all findings "
-        f"{share(n['confirmed'], n['findings'])}, with the same name {share(n['named'], n['findings'])}; by mean "
-        f"confidence: {bins or 'none'}"
+        f"of confidence ≥ {CONFIDENT:g}, confirmed {share(n['confident_confirmed'], n['confident'])}; of all, {agree}; "
+        f"by mean confidence in the family: {told(n['of_family'])}; in the effect: {told(n['of_effect'])}"
     )
 
 
