@@ -63,6 +63,7 @@ class Halves:
     splits: int
     seed: int
     runs: tuple[Drawn, ...]
+    budget: float | None = None
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ def read_gate(path: Path) -> AnyGate:
         return ConcealedGate(path.stem, declared.title, _drawn(c.runs, where), c.cases, c.nulls, c.seed)
     if declared.halves is not None:
         h = declared.halves
-        return HalvesGate(path.stem, declared.title, _drawn(h.runs, where), h.splits, h.seed)
+        return HalvesGate(path.stem, declared.title, _drawn(h.runs, where), h.splits, h.seed, h.budget)
     if declared.owners is not None:
         return _owners(path.stem, declared.title, declared.owners, where)
     for name in ("diagnosis", "expect"):

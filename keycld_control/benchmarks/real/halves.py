@@ -111,6 +111,7 @@ class HalvesGate:
         runs: of each rig.
         splits: how often the runs of a rig are parted, at random.
         seed: of what is drawn.
+        budget: seconds after which a search ends with the best it has; none if it has as long as it takes.
     """
 
     name: str
@@ -118,6 +119,7 @@ class HalvesGate:
     runs: Sequence[Runs]
     splits: int
     seed: int
+    budget: float | None = None
 
     def run(self, folder: Path) -> GateResult:
         """The result on the data sets of a folder."""
@@ -132,7 +134,7 @@ class HalvesGate:
                         halves = parted(recordings, np.random.default_rng([self.seed, number, split]))
                         both = []
                         for part, half in zip("ab", halves, strict=True):
-                            both.append(replace(diagnose(half, model), evidence=None))
+                            both.append(replace(diagnose(half, model, budget=self.budget), evidence=None))
                             reports[f"{runs.name} {split}{part}"] = both[-1]
                             advance(1)
                         for part, own, other in (("a", both[0], both[1]), ("b", both[1], both[0])):
