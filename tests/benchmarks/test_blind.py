@@ -23,7 +23,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.recordings import read_dataset
 
 ROOT = Path(__file__).parents[2]
-SEED, CASES = 197, 2
+SEED, CASES = 798, 2
 """Two pendulums, one of them released, the other driven: the cheapest cases."""
 
 

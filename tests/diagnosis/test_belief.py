@@ -60,9 +60,10 @@ def test_a_belief_is_sharpened_by_what_others_tell():
     assert belief.narrowed(known + np.diag([0.0, 0.99])) == pytest.approx(0.5 * np.log(0.01))
 
 
-def test_the_only_driven_recording_is_learned_from(passive, driven):
-    runs = [*passive[:3], driven[0], *passive[3:]]
-    training, test = split(runs, JointPositions(get_system("pendulum").compile()), 40)
-    assert any(r is driven[0] for r in training) and len(test) == 1
-    two, one = split([passive[0], driven[0]], JointPositions(get_system("pendulum").compile()), 40)
+def test_the_only_driven_recording_is_learned_from(runs, passive):
+    observation = JointPositions(get_system("pendulum").compile())
+    for driven in (*runs[1::3], *runs[2::3]):
+        training, test = split([*passive[:3], driven, *passive[3:]], observation, 40)
+        assert any(r is driven for r in training) and len(test) == 2
+    two, one = split([passive[0], driven], observation, 40)
     assert len(two) == len(one) == 1

@@ -87,7 +87,7 @@ class SealedCase:
 
     def excitation(self, run: int) -> Excitation:
         """How one recording is moved."""
-        if self.plan.excitation != "one_driven":
+        if self.plan.excitation != "mixed":
             return self.plan.excitation
         return "open_loop" if run == self.driven else "passive"
 

@@ -12,8 +12,8 @@ from keycld_control.benchmarks.blind.plant import Controller
 from keycld_control.benchmarks.blind.sites import Site, sites
 from keycld_envs.systems import get_system
 
-Excitation = Literal["passive", "open_loop", "closed_loop", "weak", "one_driven"]
-EXCITATIONS: tuple[Excitation, ...] = ("passive", "open_loop", "closed_loop", "weak", "one_driven")
+Excitation = Literal["passive", "open_loop", "closed_loop", "weak", "mixed"]
+EXCITATIONS: tuple[Excitation, ...] = ("passive", "open_loop", "closed_loop", "weak", "mixed")
 WEAK = 0.1
 """Share of the usual commands that weak ones are: too little for them to tell masses from forces."""
 LIMIT = 3.0

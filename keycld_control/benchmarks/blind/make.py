@@ -138,7 +138,7 @@ def answer(case: SealedCase, signals: list[Signals], index: int) -> dict[str, An
         "jitter": case.jitter,
         "smooth": case.smooth,
         "levels": [s.level for s in signals],
-        "driven": case.driven if case.plan.excitation == "one_driven" else None,
+        "driven": case.driven if case.plan.excitation == "mixed" else None,
         "attempts": [case.entropy[-1], *(s.attempt for s in signals)],
         "moved": np.max([np.ptp(s.true, axis=0) for s in signals[:TRAINING]], axis=0).tolist(),
     }

@@ -22,9 +22,9 @@ def split(
 ) -> tuple[list[Recording], list[Recording]]:
     """Training and held-out recordings: every third in the order of their speed; of a single one, its last third.
 
-    Passive and driven recordings are split by themselves, and a single one of a kind is learned from: what only
-    held-out ones excite, such as the common factor of masses and forces, would be tested without having been learned.
-    The clock of that third goes on from the start of the recording, whose first part has no positions any more.
+    If all driven recordings, or all passive ones, would be held out, one is learned from in place of its neighbour:
+    what only held-out ones excite, such as the common factor of masses and forces, would be tested without having been
+    learned.
 
     Args:
         recordings: all of them.
@@ -37,13 +37,15 @@ def split(
     if len(recordings) == 1:
         return _in_time(recordings[0], samples)
     speed = [float(np.nanmean(np.abs(np.diff(observation.measured(r), axis=0)))) for r in recordings]
-    driven = _driven(recordings)
-    kinds = [sorted(map(int, np.flatnonzero(kind)), key=speed.__getitem__) for kind in (driven, ~driven)]
-    test = {i for kind in kinds for i in kind[1::3]}
-    if not test:  # one of each
-        test = {int(np.argmax(speed))}
-    learned = [r for i, r in enumerate(recordings) if i not in test]
-    return learned, [recordings[i] for i in sorted(test)]
+    order, driven = [int(i) for i in np.argsort(speed, kind="stable")], _driven(recordings)
+    for kind in (driven, ~driven):
+        own = {int(i) for i in np.flatnonzero(kind)}
+        if own and len(order) > 2 and own <= set(order[1::3]):
+            p = order.index(max(own, key=speed.__getitem__))
+            order[p - 1], order[p] = order[p], order[p - 1]
+    test = set(order[1::3])
+    learned = [recordings[i] for i in order if i not in test]
+    return learned, [recordings[i] for i in order if i in test]
 
 
 def _driven(recordings: Sequence[Recording]) -> NDArray[np.bool_]:
