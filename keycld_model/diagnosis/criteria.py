@@ -17,6 +17,7 @@ class Spreads:
         zero: of an encoder's zero, rad or m.
         view: of what a camera that looks askew adds to a position, rad or m.
         shutter: of the time that a shutter takes to roll across an image, s.
+        noise: of the estimated variance of the sensors' noise, relative, three times over; it is known to some 5 %.
         farthest: how many of these anything may be off; recordings of released mechanisms say nothing of mass and
             force but their ratio, and masses would run away.
     """
@@ -26,6 +27,7 @@ class Spreads:
     zero: float = 0.015
     view: float = 0.03
     shutter: float = 0.01
+    noise: float = 0.15
     farthest: float = 8.0
 
 
@@ -66,7 +68,6 @@ class Criteria:
             forms, of dry friction near standstill above all, and what gains less may only mend the form of another.
         effect_share_beside_pulses: the same beside pulses, whose times are found to some share of a step only.
         noise_variance: mean square of whitened residuals, per degree of freedom, up to which a fit leaves noise.
-        noise_uncertainty: share that the estimated variance of the noise may be off; it is known to some 5 %.
         significant: standard deviations from which a deviation is no coincidence: of a mean square, from noise, and of
             a sample, which counts linearly from there on (Huber).
         pulse: nats that a pulse must gain: three parameters, and its time and joint were searched for.
@@ -106,7 +107,6 @@ class Criteria:
     effect_share: float = 0.0005
     effect_share_beside_pulses: float = 0.01
     noise_variance: float = 1.3
-    noise_uncertainty: float = 0.15
     significant: float = 4.0
     pulse: float = 20.0
     pulse_windows: int = 2

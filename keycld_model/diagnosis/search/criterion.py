@@ -78,4 +78,4 @@ def dispersion(fit: Fit) -> float:
 def above_noise(fit: Fit) -> NDArray[np.float64]:
     """By how much the mean square of whitened residuals is more than noise, `[m]`; negative where it is not."""
     left, criteria = mean_square(fit), fit.problem.criteria
-    return left - 1 - criteria.noise_uncertainty - criteria.significant * np.sqrt(2 / (fit.problem.samples / len(left)))
+    return left - 1 - criteria.spreads.noise - criteria.significant * np.sqrt(2 / (fit.problem.samples / len(left)))
