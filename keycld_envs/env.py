@@ -134,6 +134,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         self._simulation = Simulation(self.system, action_limit, effects)
         self.model, self.data = self._simulation.model, self._simulation.data
         self.camera = check_camera(self.model, self.system.camera if camera is None else camera)
+        self._posed = mujoco.MjData(self.model)
         self._renderers = Renderers(self.model, render_quality)
         self._success = SuccessMonitor(self.system, self.model)
         self.action_space = _action_space(self.model)
@@ -189,10 +190,9 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         Raises:
             InputError: if `qpos` has the wrong length or is not finite.
         """
-        posed = mujoco.MjData(self.model)
-        posed.qpos[:] = finite_vector("qpos", qpos, self.model.nq)
-        mujoco.mj_forward(self.model, posed)
-        return self._render(posed, width, height)
+        self._posed.qpos[:] = finite_vector("qpos", qpos, self.model.nq)
+        mujoco.mj_forward(self.model, self._posed)
+        return self._render(self._posed, width, height)
 
     def keypoints(self) -> NDArray[np.float64]:
         """[K, 2] true keypoints of the current state, image units (pixel centres span -1 to 1, y up)."""

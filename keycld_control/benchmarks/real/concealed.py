@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from scipy.stats import beta
 
-from keycld_control.benchmarks.real.gate import GateResult, Runs
+from keycld_control.benchmarks.real.gate import GateResult, Outcome, Runs
 from keycld_envs.conceal import conceal
 from keycld_envs.effects import EFFECTS, Effect
 from keycld_envs.errors import InputError
@@ -130,6 +130,11 @@ class ConcealedGate:
     nulls: float
     seed: int
 
+    @property
+    def required(self) -> str:
+        """What must be shown, in words."""
+        return REQUIRED
+
     def run(self, folder: Path) -> GateResult:
         """The result on the data sets of a folder."""
         start, error, graded = time.perf_counter(), None, []
@@ -145,17 +150,9 @@ class ConcealedGate:
         except Exception as failure:
             error = failure
         numbers = summary(graded)
-        return GateResult(
-            self.name,
-            self.title,
-            REQUIRED,
-            f"could not run: {error}" if error is not None else described(numbers),
-            error is None and passed(numbers),
-            numbers | {"cases": graded},
-            round(time.perf_counter() - start, 1),
-            reports,
-            error=error,
-        )
+        told = numbers | {"cases": graded}
+        outcome = Outcome.failed(error, told) if error else Outcome(described(numbers), passed(numbers), told)
+        return GateResult.of(self, outcome, start, reports, error)
 
 
 def _case(

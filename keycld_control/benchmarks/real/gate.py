@@ -1,5 +1,6 @@
 """A gate: what the diagnosis is given of somebody's real mechanism, and what it must show."""
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -149,6 +150,11 @@ class Outcome:
     passed: bool
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
+    @classmethod
+    def failed(cls, error: Exception, numbers: Mapping[str, Any] | None = None) -> "Outcome":
+        """Of a gate that an error ended, with what was measured before."""
+        return cls(f"could not run: {error}", False, numbers or {})
+
 
 class Expectation(Protocol):
     """Something that a diagnosis must show."""
@@ -214,6 +220,25 @@ class Curve:
     predicted: Mapping[str, Array]
 
 
+class Titled(Protocol):
+    """What every gate has."""
+
+    @property
+    def name(self) -> str:
+        """Such as "G3"."""
+        ...
+
+    @property
+    def title(self) -> str:
+        """The mechanism."""
+        ...
+
+    @property
+    def required(self) -> str:
+        """What must be shown, in words."""
+        ...
+
+
 @dataclass(frozen=True)
 class GateResult:
     """What came of a gate.
@@ -241,6 +266,21 @@ class GateResult:
     reports: Mapping[str, Report] = field(default_factory=dict)
     curves: Sequence[Curve] = ()
     error: Exception | None = None
+
+    @classmethod
+    def of(
+        cls,
+        gate: Titled,
+        outcome: Outcome,
+        begun: float,
+        reports: Mapping[str, Report],
+        error: Exception | None,
+        curves: Sequence[Curve] = (),
+    ) -> "GateResult":
+        """Of a gate that began at a time of `time.perf_counter`, s."""
+        seconds = round(time.perf_counter() - begun, 1)
+        told = gate.name, gate.title, gate.required, outcome.reached, outcome.passed, outcome.numbers
+        return cls(*told, seconds, reports, curves, error)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-compatible, without the curves."""

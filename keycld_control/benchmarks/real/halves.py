@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from keycld_control.benchmarks.real.concealed import interval, share
-from keycld_control.benchmarks.real.gate import GateResult, Runs, group_of
+from keycld_control.benchmarks.real.gate import GateResult, Outcome, Runs, group_of
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis import Report, diagnose
@@ -121,6 +121,11 @@ class HalvesGate:
     seed: int
     budget: float | None = None
 
+    @property
+    def required(self) -> str:
+        """What must be shown, in words."""
+        return REQUIRED
+
     def run(self, folder: Path) -> GateResult:
         """The result on the data sets of a folder."""
         start, error = time.perf_counter(), None
@@ -144,17 +149,9 @@ class HalvesGate:
             error = failure
         numbers = summary(found)
         by_rig = {one.name: summary([f for f in found if f["rig"] == one.name]) for one in self.runs}
-        return GateResult(
-            self.name,
-            self.title,
-            REQUIRED,
-            f"could not run: {error}" if error is not None else described(numbers),
-            error is None and passed(numbers),
-            numbers | {"rigs": by_rig, "found": found},
-            round(time.perf_counter() - start, 1),
-            reports,
-            error=error,
-        )
+        told = numbers | {"rigs": by_rig, "found": found}
+        outcome = Outcome.failed(error, told) if error else Outcome(described(numbers), passed(numbers), told)
+        return GateResult.of(self, outcome, start, reports, error)
 
 
 def parted(recordings: Sequence[Recording], rng: np.random.Generator) -> tuple[list[Recording], list[Recording]]:

@@ -33,19 +33,8 @@ def run(gate: AnyGate, folder: Path) -> GateResult:
         if gate.plotted is not None:
             drawn = [c for d in diagnosed.values() for c in curves(d.report, d.model, d.held_out, gate.plotted)]
     except Exception as failure:
-        error, outcome = failure, Outcome(f"could not run: {failure}", False)
-    return GateResult(
-        gate=gate.name,
-        title=gate.title,
-        required=gate.required,
-        reached=outcome.reached,
-        passed=outcome.passed,
-        numbers=outcome.numbers,
-        seconds=round(time.perf_counter() - start, 1),
-        reports={name: d.report for name, d in diagnosed.items()},
-        curves=drawn,
-        error=error,
-    )
+        error, outcome = failure, Outcome.failed(failure)
+    return GateResult.of(gate, outcome, start, {name: d.report for name, d in diagnosed.items()}, error, drawn)
 
 
 def _read(data: DataSplit, folder: Path) -> tuple[list[Recording], ...]:

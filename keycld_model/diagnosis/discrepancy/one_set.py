@@ -59,9 +59,10 @@ def lacking(
     if not _far_above_noise(learned, terms, columns, criteria):
         return None
     advance(10, "following the motion more closely")
-    motion = _closer(motion, [*recordings, *held_out], model, criteria)
-    learned = motion.take(np.flatnonzero(motion.windows.recording < len(recordings)))
-    terms, columns = shared_terms(learned, criteria, held=True), Columns.of(learned)
+    closer = _closer(motion, [*recordings, *held_out], model, criteria)
+    if closer is not motion:
+        motion, learned = closer, closer.take(np.flatnonzero(closer.windows.recording < len(recordings)))
+        terms, columns = shared_terms(learned, criteria, held=True), Columns.of(learned)
     advance(10, "what nothing explains")
     missing = Missing.of(learned, terms, columns, criteria)
     advance(30, "what helps in all recordings")
@@ -107,12 +108,13 @@ def _closer(motion: Motion, recordings: Sequence[Recording], model: mujoco.MjMod
 
     Forces that grow with it would follow a vibration.
     """
-    sizes = criteria.sizes
+    before, sizes = np.median(motion.misfit), criteria.sizes
+    if before < 1.0:  # the sensors' noise
+        return motion
     half = replace(sizes, window_beside_forces=sizes.window_beside_forces / 2, constant_force=sizes.constant_force / 2)
     closer = Motion.of(recordings, model, replace(criteria, sizes=half))
-    before, after = np.median(motion.misfit), np.median(closer.misfit)
     grows = np.median(closer.usual_force, axis=0) > (1 + criteria.vibrates) * np.median(motion.usual_force, axis=0)
-    return motion if before < 1.0 or after > before / 2 or np.any(grows) else closer
+    return motion if np.median(closer.misfit) > before / 2 or np.any(grows) else closer
 
 
 def _far_above_noise(motion: Motion, terms: Sequence[Term], columns: Columns, criteria: Criteria) -> bool:

@@ -139,12 +139,12 @@ HOLDING = ("coulomb_friction", "load_dependent_friction")
 """Dry friction whose size does not hang on the speed."""
 
 
-def _holding(motion: Motion, effect: Effect) -> Array | None:
-    """Force with which dry friction holds joints at rest, `[W, nv]`, N m or N: that of a slow motion."""
+def _holding(motion: Motion, effect: Effect, scale: float) -> Array | None:
+    """Force over a scale with which dry friction holds joints at rest, `[W, nv]`, N m or N: that of a slow motion."""
     if effect.id not in HOLDING:
         return None
     slow = replace(motion, v=np.full_like(motion.v, 4 * RESTING))
-    return np.mean(np.abs(force_of(slow, effect)), axis=1)
+    return np.mean(np.abs(force_of(slow, effect)), axis=1) / scale
 
 
 _INERTIAL = ("body_mass", "body_inertia", "body_ipos", "body_pos", "dof_armature", "jnt_stiffness", "qpos_spring")
@@ -195,8 +195,7 @@ def shared_terms(motion: Motion, criteria: Criteria, held: bool = False) -> list
                 (number,) = absent.parameters()
                 little = absent.with_parameters(**{number.name: number.absent + number.scale})
                 column = answer_of(motion, little) / number.scale
-                holds = _holding(motion, little)
-                holds = None if holds is None else holds / number.scale
+                holds = _holding(motion, little, number.scale)
                 out.append(Term(f"{absent.id} at {absent.where}", column, spread, absent, holds=holds))
     out += _idealised(motion)
     return [term for term in out if np.any(term.column)]
@@ -219,8 +218,7 @@ def _idealised(motion: Motion) -> list[Term]:
                     spread = float(np.max(share * usual[force > 0] / force[force > 0]))
                     column = answer_of(motion, little) / number.scale
                     name = f"{number.name} of {absent.id} at {absent.where}"
-                    holds = _holding(motion, little)
-                    holds = None if holds is None else holds / number.scale
+                    holds = _holding(motion, little, number.scale)
                     out.append(Term(name, column, spread, beyond=True, holds=holds))
     return out
 

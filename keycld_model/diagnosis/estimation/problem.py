@@ -119,16 +119,12 @@ class Problem:
         return float(self.costs(point).sum()) + self.prior(point)
 
     def prior(self, point: Point) -> float:
-        """Nats of nuisances, and of hidden states at the starts of recordings."""
+        """Nats of nuisances, of parameters known from elsewhere, and of hidden states at the starts of recordings."""
         offsets = point.variant.recording_offsets
         hidden = 0.0 if offsets is None else offsets / recording_spreads(point.effects)
-        return self.prior_of_shared(point) + 0.5 * float(np.sum(hidden**2))
-
-    def prior_of_shared(self, point: Point) -> float:
-        """Nats of nuisances, and of parameters of effects where something is known of them."""
         if self.belief is not None:
-            return self.belief.cost(point.variant)
-        return 0.5 * float(np.sum((point.variant.values / self.spreads) ** 2))
+            return self.belief.cost(point.variant) + 0.5 * float(np.sum(hidden**2))
+        return 0.5 * float(np.sum((point.variant.values / self.spreads) ** 2) + np.sum(hidden**2))
 
     def linearise(
         self, point: Point, extra: Sequence[tuple[Effect, ...]] = (), only_states: bool = False

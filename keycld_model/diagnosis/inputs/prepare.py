@@ -26,6 +26,8 @@ def split(
     what only held-out ones excite, such as the common factor of masses and forces, would be tested without having been
     learned.
 
+    The clock of a last third goes on from the start of the recording, whose first part has no positions any more.
+
     Args:
         recordings: all of them.
         observation: what is measured in them.

@@ -61,6 +61,6 @@ class HeldOut:
         for asked, rolled in self._rolled:
             if asked is fit:
                 return rolled
-        pulses = self.short(fit).point.variant.pulses if fit.point.variant.pulses else ()
+        pulses = replay(self.windows, fit).point.variant.pulses if fit.point.variant.pulses else ()
         self._rolled.append((fit, replay(self.rollouts, fit, 12, pulses)))
         return self._rolled[-1][1]

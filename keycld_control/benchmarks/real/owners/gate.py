@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from keycld_control.benchmarks.real.gate import GateResult, Outcome
@@ -61,20 +61,11 @@ class OwnersGate:
                     advance(1)
             outcome = self.check(found)
         except Exception as failure:
-            error, outcome = failure, Outcome(f"could not run: {failure}", False)
+            error, outcome = failure, Outcome.failed(failure)
         table = [
             {"rig": one.name, "owners_model": one.model, "diagnosis_s": one.seconds, "ratio": c.ratio, **asdict(c)}
             for one in found
             for c in one.compared
         ]
-        return GateResult(
-            self.name,
-            self.title,
-            self.required,
-            outcome.reached,
-            outcome.passed,
-            {**outcome.numbers, "table": table},
-            round(time.perf_counter() - start, 1),
-            {one.name: one.report for one in found},
-            error=error,
-        )
+        outcome = replace(outcome, numbers={**outcome.numbers, "table": table})
+        return GateResult.of(self, outcome, start, {one.name: one.report for one in found}, error)
