@@ -118,6 +118,12 @@ class Motion:
         return np.mean((self.residual - np.einsum("wrjb,wbj->wr", self.response, self.forces)) ** 2, axis=1)
 
     @property
+    def ringing(self) -> Array:
+        """Mean square of whitened residuals of each window and joint, with the forces, `[W, nv]`."""
+        left = self.residual - np.einsum("wrjb,wbj->wr", self.response, self.forces)
+        return np.mean(left.reshape(len(left), -1, len(self.noise)) ** 2, axis=1)
+
+    @property
     def usual_force(self) -> Array:
         """Root mean square of the forces in each window, `[W, nv]`, N m or N."""
         return np.sqrt(np.mean(self.forces**2, axis=1))

@@ -34,11 +34,14 @@ class Unsteady:
         rest: `[W, B, nv]` share of each part of a window in which a joint may rest.
         command: `[W, B, nv]` standard deviation of a motor's torque within the part, N m or N; none follows at once.
         held: `[W, B, nv]` standard deviation of dry friction there, since it holds whatever force there is, N m or N.
+        noisy: `[W, nv]` mean square of what even unknown forces leave, over that of most windows, at least one: links
+            ring where a controller chatters.
     """
 
     rest: Array
     command: Array
     held: Array
+    noisy: Array
 
     @classmethod
     def of(cls, motion: Motion) -> "Unsteady":
@@ -46,7 +49,9 @@ class Unsteady:
         torque = motion.u @ torque_per_command(motion.model).T
         squares = motion.over_parts(torque**2) - motion.over_parts(torque) ** 2
         rest = motion.over_parts(resting(motion.v))
-        return cls(rest, np.sqrt(np.maximum(squares, 0.0)), HELD * rest * np.abs(motion.forces))
+        ringing = motion.ringing / np.median(motion.ringing, axis=0)
+        held = HELD * rest * np.abs(motion.forces)
+        return cls(rest, np.sqrt(np.maximum(squares, 0.0)), held, np.maximum(ringing, 1.0))
 
 
 @dataclass(frozen=True)
@@ -85,8 +90,8 @@ class Discrepancy:
         for j in range(nv):
             scaled = response[:, :, j] * spread[:, None, :, j]
             out += scaled @ np.swapaxes(scaled, 1, 2)
-        own = np.tile(self.noise**2, response.shape[1] // nv)
-        out[:, np.arange(len(own)), np.arange(len(own))] += own
+        own = np.tile(self.noise**2 * unsteady.noisy[rows], response.shape[1] // nv)
+        out[:, np.arange(own.shape[1]), np.arange(own.shape[1])] += own
         time = motion.windows.time[rows]
         alike = np.exp(-np.abs(time[:, :, None] - time[:, None, :]) / self.correlation_time)
         for j in range(nv):

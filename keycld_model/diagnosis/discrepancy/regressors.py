@@ -1,7 +1,6 @@
 """What each thing that a simulator may lack does along a motion, to first order: columns of a regression."""
 
 import copy
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -28,6 +27,7 @@ from keycld_envs.effects.edited import resistance, torque_per_command
 from keycld_envs.effects.places import ActuatorEffect
 from keycld_envs.effects.transmission import TransmissionEffect
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.inertias import inertial_columns
 from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
 from keycld_model.diagnosis.simulation.sampling import interpolated
 
@@ -57,8 +57,6 @@ USUAL_NUMBERS = ("backward", "c", "f")
 """Parameters of these that usual terms have already."""
 RESTING = 0.05
 """Speed below which a joint may rest, rad/s or m/s."""
-DIFFERENCE = 0.02
-"""Share of an inertia, by which it is changed for its column."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +185,7 @@ def shared_terms(motion: Motion, criteria: Criteria, held: bool = False) -> list
         held: what forces of inertia have in common is held at the simulator's. Between two sets it need not be.
     """
     model = motion.model
-    out = [*_inertias(motion, criteria, held), *_zeros(motion, criteria)]
+    out = [Term(*own) for own in inertial_columns(motion, criteria, held)] + _zeros(motion, criteria)
     for kind in USUAL:
         spread = 0.02 if kind is ActuatorDelay else np.inf  # s
         for absent in kind.candidates(model):
@@ -221,58 +219,6 @@ def _idealised(motion: Motion) -> list[Term]:
                     holds = _holding(motion, little, number.scale)
                     out.append(Term(name, column, spread, beyond=True, holds=holds))
     return out
-
-
-def _inertias(motion: Motion, criteria: Criteria, held: bool) -> list[Term]:
-    """Mass, centre of mass, inertia and length of every link, and the rotors at joints.
-
-    Accelerations are known no better than unknown forces are small, so that least squares would take masses away until
-    little is left to explain. What forces of inertia have in common may therefore be held at the simulator's: the term
-    that most changes it makes up for what the others change of it, and accelerations are what is explained.
-    """
-    forces, inertial = _needed(motion, motion.model)
-    out: list[tuple[str, Array, Array, float]] = []
-    for name, spread, after in _with_other_inertias(motion.model, criteria):
-        now, now_inertial = _needed(motion, after)
-        fall = motion.answer((forces - now) / DIFFERENCE), motion.answer((inertial - now_inertial) / DIFFERENCE)
-        out.append((name, *fall, spread))
-    for dof in range(motion.model.nv):
-        column = motion.answer(np.where(np.arange(motion.model.nv) == dof, -motion.a, 0.0))
-        spread = criteria.spreads.mass_beside_forces * float(motion.model.dof_M0[dof])
-        out.append((f"rotor at {motion.model.joint(int(motion.model.dof_jntid[dof])).name}", column, column, spread))
-    if not held:
-        return [Term(name, column, spread) for name, column, _, spread in out]
-    whole = motion.answer(inertial)
-    share = np.array([np.sum(own * whole) for _, _, own, _ in out]) / np.sum(whole**2)
-    most = int(np.argmax(np.abs(share) * [spread for *_, spread in out]))
-    made_up = out[most][1] / share[most]
-    return [
-        Term(name, column - share[i] * made_up, spread) for i, (name, column, _, spread) in enumerate(out) if i != most
-    ]
-
-
-def _with_other_inertias(model: mujoco.MjModel, criteria: Criteria) -> Iterator[tuple[str, float, mujoco.MjModel]]:
-    """Each number of each link, its spread, and a model in which it is a little larger."""
-    for body in np.flatnonzero(model.body_dofnum):
-        children = np.flatnonzero(model.body_parentid == body)
-        changes = {
-            "mass": ("body_mass", [body], 1.0),
-            "centre of mass": ("body_ipos", [body], 1.0),
-            "inertia": ("body_inertia", [body], 2.0),
-            "length": ("body_pos", children, 0.25),
-        }
-        for name, (field, rows, times) in changes.items():
-            after = copy.copy(model)
-            numbers = getattr(after, field)
-            if np.any(numbers[rows]):
-                numbers[rows] *= 1 + DIFFERENCE
-                yield f"{name} of {model.body(body).name}", times * criteria.spreads.mass_beside_forces, after
-
-
-def _needed(motion: Motion, model: mujoco.MjModel) -> tuple[Array, Array]:
-    """Forces `[W, S, nv]` that the motion needs, and of these the forces of inertia."""
-    forces = inverse_dynamics(model, motion.q, motion.v, motion.a)
-    return forces, forces - inverse_dynamics(model, motion.q, motion.v, np.zeros_like(motion.a))
 
 
 def _zeros(motion: Motion, criteria: Criteria) -> list[Term]:

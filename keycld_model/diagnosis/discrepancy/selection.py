@@ -262,14 +262,15 @@ def _possible(difference: Difference) -> bool:
 def between_runs(contest: Contest, criteria: Criteria) -> dict[Key, float]:
     """Nats of each candidate when one run of the baseline after the other is taken for new, in the mean.
 
-    What differs most from run to run by itself becomes a number of each run, with the spread that it shows. Means are
-    drawn towards that of all candidates, since there are few runs.
+    What differs most from run to run by itself becomes a number of each run, with the spread that it shows: most runs
+    must differ, since a single one may be spoiled. Means are drawn towards that of all candidates, since there are few
+    runs.
     """
     for _ in range(criteria.sizes.by_run):
         gains = _left_out(contest)
-        means = {key: float(np.mean([gain for gain, _ in own])) for key, own in gains.items()}
-        worst = max(means, key=means.__getitem__)
-        if means[worst] < criteria.certain or len(contest.baseline) < 3:
+        usual = {key: float(np.median([gain for gain, _ in own])) for key, own in gains.items()}
+        worst = max(usual, key=usual.__getitem__)
+        if usual[worst] < criteria.certain or len(contest.baseline) < 3:
             break
         candidate = contest.candidates[max(gains[worst])[1]]
         tested = [contest.test(candidate, [b for b in contest.baseline if b != r], [r]) for r in contest.baseline]
@@ -277,8 +278,8 @@ def between_runs(contest: Contest, criteria: Criteria) -> dict[Key, float]:
         p = contest.regression.shared.shape[2]
         contest.by_run += [(p + i, 1 / max(float(v), 1e-12)) for i, v in zip(candidate.columns, size, strict=True)]
     gains, few = _left_out(contest), 3
-    usual = float(np.mean([gain for own in gains.values() for gain, _ in own]))
-    return {key: (few * usual + sum(gain for gain, _ in own)) / (few + len(own)) for key, own in gains.items()}
+    mean = float(np.mean([gain for own in gains.values() for gain, _ in own]))
+    return {key: (few * mean + sum(gain for gain, _ in own)) / (few + len(own)) for key, own in gains.items()}
 
 
 def _left_out(contest: Contest) -> dict[Key, list[tuple[float, int]]]:
