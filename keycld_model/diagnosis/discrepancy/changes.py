@@ -7,11 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
+from keycld_envs.effects.places import ActuatorEffect
 from keycld_model.diagnosis.discrepancy.regression import Mask, Regression
 from keycld_model.diagnosis.search.hypotheses import Hypothesis
 
 Array = NDArray[np.float64]
 Key = tuple[str, str]
+HELD = 1e12
+"""Precision of a number that stays where it is."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,15 @@ class Candidate:
     def key(self) -> Key:
         """Effect and place."""
         return self.hypothesis.key
+
+    @property
+    def held(self) -> float:
+        """Precision of what both sets have of it.
+
+        Of motors it is that of the simulator: with masses and motors free, nothing would need any force at all, if both
+        were zero; what motors are off by in both sets, masses make up for.
+        """
+        return HELD if isinstance(self.hypothesis.effect, ActuatorEffect) else 0.0
 
 
 @dataclass(frozen=True)
@@ -140,7 +152,7 @@ class Contest:
         """
         windows, p = self.windows([*baseline, *new]), self.regression.shared.shape[2]
         common, everywhere = [*self.design(baseline, new), *present], frozenset([*baseline, *new])
-        own = [Column(p + i, everywhere, 0.0) for i in candidate.columns]
+        own = [Column(p + i, everywhere, candidate.held) for i in candidate.columns]
         other = [Column(p + i, frozenset(new), 0.0) for i in candidate.of_difference]
         columns, precision = self._explicit(windows, [*common, *own, *other])
         k = len(own)
@@ -159,7 +171,8 @@ class Contest:
     def gained(self, candidate: Candidate, values: Array, recording: int, present: Sequence[Column] = ()) -> float:
         """Nats that a difference of a given size gains in one new recording, all else fitted to the baseline and it."""
         windows, p = self.windows([*self.baseline, recording]), self.regression.shared.shape[2]
-        own = [Column(p + i, frozenset([*self.baseline, recording]), 0.0) for i in candidate.columns]
+        both = frozenset([*self.baseline, recording])
+        own = [Column(p + i, both, candidate.held) for i in candidate.columns]
         columns, precision = self._explicit(windows, [*self.design(self.baseline, [recording]), *present, *own])
         other, _ = self._explicit(
             windows, [Column(p + i, frozenset([recording]), 0.0) for i in candidate.of_difference]
@@ -212,7 +225,8 @@ class Contest:
             a, b, k = both_[:, m], new_[:, m], len(m)
             at = p + m
             known, late = np.ix_(at, at), fresh[np.ix_(at, at)]
-            normal = np.block([[total[known] - a.T @ a, late - a.T @ b], [late - b.T @ a, late - b.T @ b]])
+            total_own = total[known] + candidate.held * np.eye(k)
+            normal = np.block([[total_own - a.T @ a, late - a.T @ b], [late - b.T @ a, late - b.T @ b]])
             right = np.concatenate([total[at, -1] - a.T @ target, fresh[at, -1] - b.T @ target])
             size = np.sqrt(np.maximum(np.concatenate([np.diag(total[known]), np.diag(late)]), 1e-300))
             normal, right = normal / size[:, None] / size, right / size

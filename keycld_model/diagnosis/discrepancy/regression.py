@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from keycld_envs.effects.edited import torque_per_command
 from keycld_model.diagnosis.discrepancy.motion import Motion
@@ -24,6 +24,9 @@ FREEDOM = 4.0
 """Degrees of freedom of Student's t, over windows."""
 HELD = 3.0
 """Standard deviation of dry friction at rest over the unknown force there: nearly any force."""
+
+UNEQUAL = 0.5
+"""Standard deviation of the logarithm of unknown forces from recording to recording."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,7 @@ class Discrepancy:
         correlation_time: after which a vibration is another one, s.
         friction: `[nv]` dry friction, which may be any force where a joint rests, N m or N.
         more: `[W, nv]` the same beyond that in some windows.
+        share: `[W]` of unknown forces that each window has, which its recording decides: some runs are rougher.
     """
 
     force: Array
@@ -73,6 +77,7 @@ class Discrepancy:
     correlation_time: float
     friction: Array
     more: Array
+    share: Array
 
     def covariance(self, motion: Motion, unsteady: "Unsteady", rows: NDArray[np.int64]) -> Array:
         """Of whitened residuals, `[len(rows), r, r]`.
@@ -85,11 +90,13 @@ class Discrepancy:
         response, nv = motion.response[rows], len(self.force)
         friction = (self.friction + self.more[rows])[:, None] * unsteady.rest[rows]
         friction = np.maximum(friction, unsteady.held[rows])
-        spread = np.sqrt(self.force**2 + friction**2 + unsteady.command[rows] ** 2)
+        force = self.force * (self.share[rows][:, None] * np.sqrt(unsteady.noisy[rows]))[:, None]
+        spread = np.sqrt(force**2 + friction**2 + unsteady.command[rows] ** 2)
         out = np.zeros((len(rows), response.shape[1], response.shape[1]))
         for j in range(nv):
             scaled = response[:, :, j] * spread[:, None, :, j]
-            out += scaled @ np.swapaxes(scaled, 1, 2)
+            lasting = response[:, :, j] @ unsteady.held[rows][..., j, None]
+            out += scaled @ np.swapaxes(scaled, 1, 2) + lasting @ np.swapaxes(lasting, 1, 2)
         own = np.tile(self.noise**2 * unsteady.noisy[rows], response.shape[1] // nv)
         out[:, np.arange(own.shape[1]), np.arange(own.shape[1])] += own
         time = motion.windows.time[rows]
@@ -209,7 +216,7 @@ def regression(motion: Motion, terms: Sequence[Term], others: Array, baseline: M
     problem = _Restricted.of(motion, terms, baseline)
     usual = np.sqrt(np.mean(motion.required**2, axis=(0, 1)))
     one, none = np.ones(len(usual)), np.zeros((len(baseline), len(usual)))
-    found = Discrepancy(0.1 * usual, one, one, 0.1, 0.3 * usual, none)
+    found = Discrepancy(0.1 * usual, one, one, 0.1, 0.3 * usual, none, np.ones(len(baseline)))
     dry = [(i, term.holds) for i, term in enumerate(terms) if term.holds is not None]
     for _ in range(3):
         found = problem.most_likely(found)
@@ -218,7 +225,24 @@ def regression(motion: Motion, terms: Sequence[Term], others: Array, baseline: M
         least = np.maximum(size.min(axis=0), 0.02 * usual)
         found = replace(found, friction=least, more=np.maximum(size - least, 0.0))
         problem = replace(problem, weights=solved.weights)
+    found = replace(found, share=_shares(motion, terms, found))
     return problem.regression(found, others), found
+
+
+def _shares(motion: Motion, terms: Sequence[Term], found: Discrepancy) -> Array:
+    """Of unknown forces in each window, as likely as can be in its recording, whose terms are its own."""
+    out = np.ones(len(motion.windows))
+    for run in np.unique(motion.windows.recording):
+        own = motion.windows.recording == run
+        alone = _Restricted.of(motion, terms, own)
+
+        def cost(x: float, own: Mask = own, alone: _Restricted = alone) -> float:
+            share = np.where(own, np.exp(x), 1.0)
+            return alone._nats(replace(found, share=share)) + 0.5 * (x / UNEQUAL) ** 2
+
+        bounds = (-3 * UNEQUAL, 3 * UNEQUAL)
+        out[own] = np.exp(minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": 12}).x)
+    return out
 
 
 def whitened_again(

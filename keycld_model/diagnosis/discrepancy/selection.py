@@ -263,12 +263,13 @@ def between_runs(contest: Contest, criteria: Criteria) -> dict[Key, float]:
     """Nats of each candidate when one run of the baseline after the other is taken for new, in the mean.
 
     What differs most from run to run by itself becomes a number of each run, with the spread that it shows: most runs
-    must differ, since a single one may be spoiled. Means are drawn towards that of all candidates, since there are few
+    must differ, since a single one may be spoiled, and motors stay as they are. Means are drawn towards that of all candidates, since there are few
     runs.
     """
+    motors = {c.key for c in contest.candidates if isinstance(c.hypothesis.effect, ActuatorEffect)}
     for _ in range(criteria.sizes.by_run):
         gains = _left_out(contest)
-        usual = {key: float(np.median([gain for gain, _ in own])) for key, own in gains.items()}
+        usual = {key: float(np.median([gain for gain, _ in own])) for key, own in gains.items() if key not in motors}
         worst = max(usual, key=usual.__getitem__)
         if usual[worst] < criteria.certain or len(contest.baseline) < 3:
             break
