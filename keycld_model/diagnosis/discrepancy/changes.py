@@ -7,14 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.effects import Effect
-from keycld_envs.effects.places import ActuatorEffect
 from keycld_model.diagnosis.discrepancy.regression import Mask, Regression
 from keycld_model.diagnosis.search.hypotheses import Hypothesis
 
 Array = NDArray[np.float64]
 Key = tuple[str, str]
-HELD = 1e12
-"""Precision of a number that stays where it is."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +22,13 @@ class Candidate:
         hypothesis: an effect at a place, with its nonlinear parameters at one value.
         columns: indices of one column per coefficient, or of one for the effect as it is.
         changed: the same for the difference, where the effect is no line and the difference large; else none.
+        precision: of what both sets have of it.
     """
 
     hypothesis: Hypothesis
     columns: tuple[int, ...]
     changed: tuple[int, ...] = ()
+    precision: float = 0.0
 
     @property
     def of_difference(self) -> tuple[int, ...]:
@@ -40,15 +39,6 @@ class Candidate:
     def key(self) -> Key:
         """Effect and place."""
         return self.hypothesis.key
-
-    @property
-    def held(self) -> float:
-        """Precision of what both sets have of it.
-
-        Of motors it is that of the simulator: with masses and motors free, nothing would need any force at all, if both
-        were zero; what motors are off by in both sets, masses make up for.
-        """
-        return HELD if isinstance(self.hypothesis.effect, ActuatorEffect) else 0.0
 
 
 @dataclass(frozen=True)
@@ -152,7 +142,7 @@ class Contest:
         """
         windows, p = self.windows([*baseline, *new]), self.regression.shared.shape[2]
         common, everywhere = [*self.design(baseline, new), *present], frozenset([*baseline, *new])
-        own = [Column(p + i, everywhere, candidate.held) for i in candidate.columns]
+        own = [Column(p + i, everywhere, candidate.precision) for i in candidate.columns]
         other = [Column(p + i, frozenset(new), 0.0) for i in candidate.of_difference]
         columns, precision = self._explicit(windows, [*common, *own, *other])
         k = len(own)
@@ -172,7 +162,7 @@ class Contest:
         """Nats that a difference of a given size gains in one new recording, all else fitted to the baseline and it."""
         windows, p = self.windows([*self.baseline, recording]), self.regression.shared.shape[2]
         both = frozenset([*self.baseline, recording])
-        own = [Column(p + i, both, candidate.held) for i in candidate.columns]
+        own = [Column(p + i, both, candidate.precision) for i in candidate.columns]
         columns, precision = self._explicit(windows, [*self.design(self.baseline, [recording]), *present, *own])
         other, _ = self._explicit(
             windows, [Column(p + i, frozenset([recording]), 0.0) for i in candidate.of_difference]
@@ -225,10 +215,10 @@ class Contest:
             a, b, k = both_[:, m], new_[:, m], len(m)
             at = p + m
             known, late = np.ix_(at, at), fresh[np.ix_(at, at)]
-            total_own = total[known] + candidate.held * np.eye(k)
+            total_own = total[known] + candidate.precision * np.eye(k)
             normal = np.block([[total_own - a.T @ a, late - a.T @ b], [late - b.T @ a, late - b.T @ b]])
             right = np.concatenate([total[at, -1] - a.T @ target, fresh[at, -1] - b.T @ target])
-            size = np.sqrt(np.maximum(np.concatenate([np.diag(total[known]), np.diag(late)]), 1e-300))
+            size = np.sqrt(np.maximum(np.concatenate([np.diag(total_own), np.diag(late)]), 1e-300))
             normal, right = normal / size[:, None] / size, right / size
             common = np.linalg.pinv(normal[:k, :k], rcond=1e-8, hermitian=True)
             left = normal[k:, k:] - normal[k:, :k] @ common @ normal[:k, k:]

@@ -119,16 +119,18 @@ def _followed(
 
     The first recordings are the baseline.
     """
+    near = criteria.spreads.mass_beside_forces
     for _ in range(CORRECTIONS):
         motion = Motion.of(recordings, model, criteria)
         terms, own = shared_terms(motion, criteria), motion.windows.recording < baseline
         nothing = motion.residual[..., None][..., :0]
         found, discrepancy = regression(motion, terms, nothing, own)
         values = found.solve(own, nothing[own], np.zeros(0)).values
-        after = with_own_masses(motion, {t.name: float(v) for t, v in zip(terms, values, strict=True)}, criteria)
+        numbers = {term.name: float(value) for term, value in zip(terms, values, strict=True)}
+        after = with_own_masses(motion, numbers, criteria, near)
         if after is None:
             break
-        model = after
+        model, near = after, criteria.spreads.mass
     return motion, terms, discrepancy
 
 

@@ -247,6 +247,8 @@ def _dry_joint(ranked: Sequence[Ranked], motion: Motion) -> int | None:
 def _possible(difference: Difference) -> bool:
     """Whether physics allows the difference: what is left of a friction that fell is no drive."""
     hypothesis = difference.candidate.hypothesis
+    if not hypothesis.coefficients and abs(np.rint(difference.values[0])) != 1:  # there or not
+        return False
     deviations = np.sqrt(np.maximum(np.diag(difference.covariance), 0.0))
     rows = zip(hypothesis.coefficients, difference.values, difference.common, deviations, strict=False)
     for parameter, value, common, deviation in rows:
