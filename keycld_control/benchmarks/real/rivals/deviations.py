@@ -42,7 +42,10 @@ def estimate(value: float, variance: float, unit: str) -> Estimate:
 
 
 def answer(differences: Sequence[Difference]) -> Answer:
-    """The greatest difference, if it is beyond `ALARM`; others beyond it at that joint are its rivals."""
+    """The greatest difference, if it is beyond `ALARM`; others beyond it at that joint are its rivals.
+
+    Differences that are no effect, such as friction that fell, alarm too, but effects are named before them.
+    """
     order = sorted(differences, key=lambda d: -d.deviations)
     deviations: dict[str, float] = {}
     for d in order:  # an effect of several numbers has that of the first
@@ -51,6 +54,7 @@ def answer(differences: Sequence[Difference]) -> Answer:
     beyond = [d for d in order if d.deviations > ALARM]
     if not beyond:
         return Answer("no_mismatch", details=told)
+    beyond.sort(key=lambda d: d.effect == "unknown")  # which keeps the order otherwise
     first = beyond[0]
     rivals = [d.effect for d in beyond[1:] if d.joint == first.joint]
     return Answer("mismatch", [Change(first.effect, first.where, first.parameters, rivals)], details=told)
