@@ -20,6 +20,8 @@ ITERATIONS = 12
 """Of Gauss and Newton at most."""
 CONVERGED = 1e-3
 """Relative step after which a fit ends."""
+AT_BOUND = 1e-6
+"""Share of a range from its ends within which a number is at a bound, and free no more."""
 STEP = 1e-5
 """Of finite differences, in units of each number; frictions are smooth only beyond MuJoCo's solver's tolerance."""
 
@@ -30,7 +32,7 @@ class Fit:
 
     Attributes:
         values: `[P]`.
-        variances: `[P]`.
+        variances: `[P]`; zero of numbers at a bound, which the others' variances do not count either.
     """
 
     values: Array
@@ -112,7 +114,11 @@ def _identified(
     values = found.as_vector()
     left = residual(values, found)[0][0]
     block = np.repeat(np.arange(len(trajectories)), left.size // len(trajectories))
-    return Fit(values, np.diag(covariance(np.asarray(result.jac), left, block)))
+    low, high = found.get_bounds()
+    free = np.minimum(values - low, high - values) > AT_BOUND * (high - low)
+    variances = np.zeros_like(values)
+    variances[free] = np.diag(covariance(np.asarray(result.jac)[:, free], left, block))
+    return Fit(values, variances)
 
 
 def _difference(term: Term, change: float, variance: float) -> Difference:

@@ -14,7 +14,7 @@ from keycld_envs.recordings import Recording
 
 SECONDS = 0.4
 """Length of a piece; initial states are not fitted, and their errors grow with it."""
-MOST = 60
+MOST = 40
 """Pieces of a set, evenly chosen where there are more."""
 SMOOTH = 0.06
 """Seconds of the cubic polynomials that give initial states (Savitzky and Golay, 1964)."""

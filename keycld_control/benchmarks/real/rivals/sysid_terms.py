@@ -61,8 +61,8 @@ def changeable(model: mujoco.MjModel) -> list[Term]:
         for effect, parameter, unit, start, high, put in (
             ("viscous_friction", "b", "N m s/rad", 0.01, 2.0, _adding("dof_damping", dof)),
             ("coulomb_friction", "c", "N m", 0.05, 5.0, _adding("dof_frictionloss", dof)),
-            ("quadratic_drag", "d", "N m s^2/rad^2", 0.001, 1.0, _adding("dof_dampingpoly", (dof, 0))),
-            ("spring", "k", "N m/rad", 0.01, 10.0, _adding("jnt_stiffness", j)),
+            ("quadratic_drag", "d", "N m s^2/rad^2", 0.002, 0.5, _adding("dof_dampingpoly", (dof, 0))),
+            ("spring", "k", "N m/rad", 0.02, 5.0, _adding("jnt_stiffness", j)),
         ):
             out.append(Term(effect, joint, joint, parameter, unit, start, 0.0, high, put))
     for i in range(model.nu):
