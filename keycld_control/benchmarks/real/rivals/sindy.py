@@ -72,8 +72,8 @@ def _differing(
     number = np.concatenate([np.full(len(r.q), i) for i, r in enumerate(runs)])
     own = shared * (number >= baseline)[:, None]
     names, columns = [*names, *(NEW + n for n in names)], np.concatenate([shared, own], axis=1)
-    there = columns.any(axis=0)  # a motor may be idle in the new recordings
-    names, columns = [n for n, some in zip(names, there, strict=True) if some], columns[:, there]
+    there = np.any(columns != 0, axis=0)  # a motor may be idle in the new recordings
+    names, columns = [names[i] for i in np.flatnonzero(there)], columns[:, there]
     active = {names[i] for i in _active(columns, torque, SMOOTH / step)}
     active |= {PARTNERS[name] for name in active if name in PARTNERS}
     chosen = [i for i, name in enumerate(names) if name in active]
