@@ -5,6 +5,7 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import mujoco
@@ -112,6 +113,13 @@ def test_a_method_that_refuses_recordings_is_no_error_of_the_gate(tmp_path: Path
     short = RecordingFile("short.csv", COLUMNS, "short", "MIT", "a simulation")
     result = gate([replace(short, id=f"short {i}") for i in range(3)]).run(tmp_path, Running("one set", 1))
     assert result.error is None and result.numbers["failures"] == 1 and not result.passed
+
+
+@pytest.mark.skipif(find_spec("colorama") is not None, reason="what mujoco.sysid imports is installed")
+def test_without_its_packages_a_method_ends_the_run_and_writes_nothing(folder: Path, tmp_path: Path) -> None:
+    result = gate().run(folder, Running("sysid", 1, 1, tmp_path))
+    assert isinstance(result.error, InputError) and "keycld[sysid]" in str(result.error)
+    assert read_lines(gate().lines(tmp_path, "sysid")) == []
 
 
 def test_lines_are_read_as_they_were_added_and_damage_is_named(tmp_path: Path) -> None:

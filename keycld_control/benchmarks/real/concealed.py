@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from keycld_control.benchmarks.json_lines import add_line, read_lines
+from keycld_control.benchmarks.missing_package import MissingPackage
 from keycld_control.benchmarks.real.concealing import Drawn, draw
 from keycld_control.benchmarks.real.gate import GateResult, Outcome, Runs
 from keycld_control.benchmarks.real.grading import REQUIRED, Case, described, passed, summary
@@ -115,11 +116,17 @@ class ConcealedGate:
         return draw(self._rig(number), folder, np.random.default_rng([self.seed, number]), self.nulls)
 
     def case(self, number: int, folder: Path, method: str) -> Case:
-        """What a method says of a case."""
+        """What a method says of a case.
+
+        Raises:
+            InputError: if a file of the rig is missing or damaged, or the method needs what is not installed.
+        """
         drawn = self.drawn(number, folder)
         start = time.perf_counter()
         try:
             answer = get_method(method)(drawn.new, drawn.baseline, drawn.model)
+        except MissingPackage:
+            raise
         except InputError as refusal:  # of recordings that do not suit the method
             answer = Answer("undetermined", failure=str(refusal))
         seconds = round(time.perf_counter() - start, 1)

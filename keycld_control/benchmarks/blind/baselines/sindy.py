@@ -16,8 +16,8 @@ from keycld_control.benchmarks.blind.baselines.residual import (
     ResidualTorque,
     missing_torque,
 )
+from keycld_control.benchmarks.missing_package import MissingPackage
 from keycld_control.benchmarks.refitting import minimise
-from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 
 Terms = dict[str, tuple[Law, str, str, float]]
@@ -47,7 +47,7 @@ def sindy(training: Sequence[Recording], held_out: Sequence[Recording], model: m
     """One regression per joint; sparsity by the Bayesian criterion.
 
     Raises:
-        InputError: if PySINDy is not installed.
+        MissingPackage: if PySINDy is not installed.
     """
     setup = Setup.of(training, held_out, model)
     runs = [missing_torque(setup, r) for r in setup.training]
@@ -96,12 +96,12 @@ def installed() -> Any:
     """PySINDy.
 
     Raises:
-        InputError: if it is not installed.
+        MissingPackage: if it is not installed.
     """
     try:
         import pysindy
     except ImportError as error:
-        raise InputError("The method sindy needs PySINDy; install keycld[sindy].") from error
+        raise MissingPackage("The method sindy needs PySINDy; install keycld[sindy].") from error
     return pysindy
 
 

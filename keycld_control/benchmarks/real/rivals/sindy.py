@@ -47,7 +47,7 @@ def sindy(new: Sequence[Recording], baseline: Sequence[Recording], model: mujoco
     weights there are and which differ.
 
     Raises:
-        InputError: if PySINDy is not installed.
+        MissingPackage: if PySINDy is not installed.
     """
     between = spacing([*new, *baseline])
     runs = [torque_lacking(model, r, between, smooth=SMOOTH) for r in [*baseline, *new]]

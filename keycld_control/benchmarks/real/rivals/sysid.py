@@ -9,11 +9,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from keycld_control.benchmarks.missing_package import MissingPackage
 from keycld_control.benchmarks.real.rivals.answer import Answer
 from keycld_control.benchmarks.real.rivals.deviations import Array, Difference, answer, covariance, estimate
 from keycld_control.benchmarks.real.rivals.sysid_pieces import Pieces
 from keycld_control.benchmarks.real.rivals.sysid_terms import Term, changeable, edited, fixed
-from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 
 ITERATIONS = 12
@@ -46,7 +46,7 @@ def sysid(new: Sequence[Recording], baseline: Sequence[Recording], model: mujoco
     the same in both sets; frictions, springs, constant forces, gains and delays are identified in each.
 
     Raises:
-        InputError: if what mujoco.sysid imports is not installed.
+        MissingPackage: if what mujoco.sysid imports is not installed.
     """
     toolbox = installed()
     before, after = (Pieces.of(part, model) for part in (baseline, new))
@@ -63,12 +63,12 @@ def installed() -> Any:
     """The package mujoco.sysid.
 
     Raises:
-        InputError: if something that it imports is not installed.
+        MissingPackage: if something that it imports is not installed.
     """
     from mujoco import sysid as toolbox  # without what it imports, it is empty
 
     if not hasattr(toolbox, "model_residual"):
-        raise InputError("The method sysid needs what mujoco.sysid imports; install keycld[sysid].")
+        raise MissingPackage("The method sysid needs what mujoco.sysid imports; install keycld[sysid].")
     return toolbox
 
 
