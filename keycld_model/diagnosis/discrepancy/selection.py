@@ -13,8 +13,9 @@ from keycld_envs.effects.places import ActuatorEffect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.candidates import Columns, refined
 from keycld_model.diagnosis.discrepancy.changes import Candidate, Column, Contest, Difference, Key
+from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
 from keycld_model.diagnosis.discrepancy.motion import Motion
-from keycld_model.diagnosis.discrepancy.regression import Discrepancy, Mask, whitened_again
+from keycld_model.diagnosis.discrepancy.regression import Mask, whitened_again
 from keycld_model.diagnosis.discrepancy.regressors import Term
 
 Array = NDArray[np.float64]
@@ -265,8 +266,8 @@ def between_runs(contest: Contest, criteria: Criteria) -> dict[Key, float]:
     """Nats of each candidate when one run of the baseline after the other is taken for new, in the mean.
 
     What differs most from run to run by itself becomes a number of each run, with the spread that it shows: most runs
-    must differ, since a single one may be spoiled, and motors stay as they are. Means are drawn towards that of all candidates, since there are few
-    runs.
+    must differ, since a single one may be spoiled, and motors stay as they are. Means are drawn towards that of all
+    candidates, since there are few runs.
     """
     motors = {c.key for c in contest.candidates if isinstance(c.hypothesis.effect, ActuatorEffect)}
     for _ in range(criteria.sizes.by_run):
