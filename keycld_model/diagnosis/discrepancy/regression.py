@@ -145,7 +145,9 @@ def regression(motion: Motion, terms: Sequence[Term], others: Array, baseline: M
         least = np.maximum(size.min(axis=0), 0.02 * usual)
         found = replace(found, friction=least, more=np.maximum(size - least, 0.0))
         problem = replace(problem, weights=solved.weights)
-    found = replace(found, share=_shares(motion, terms, found))
+    share = _shares(motion, terms, found)
+    usual = np.exp(np.mean(np.log(share[baseline])))  # terms of one run explain more of it than those of all
+    found = replace(found, share=share / usual)
     return problem.regression(found, others), found
 
 
