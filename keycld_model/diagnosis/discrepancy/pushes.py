@@ -1,0 +1,294 @@
+"""Pushes in new recordings only: forces that come and go, where a baseline has none.
+
+Along whole recordings, smoothed, nothing explains what friction, masses and motors leave: those of both sets, and what
+the new ones may have of it by themselves, in a regression in which samples far off hardly count. What is left is larger
+where motion is fast and commands jump, as the baseline tells. A push is a bell in time (a matched filter) that
+stands out more than any does in runs of the baseline, each held against the others, and that other new recordings do not
+show in the same states, as they would a lasting change.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from scipy.optimize import nnls
+from scipy.signal import fftconvolve
+from scipy.spatial import cKDTree
+from scipy.stats import t as student
+
+from keycld_envs.effects import ActuatorGain, Effect
+from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.regression import Discrepancy
+from keycld_model.diagnosis.discrepancy.regressors import can_be_tested, force_of, shared_terms
+from keycld_model.diagnosis.discrepancy.smoothed import STEP, Smoothed, speeds_within
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+DURATIONS = (0.24, 0.36, 0.52)
+"""Of pushes, s: four standard deviations of the bell; a hand takes a quarter to half a second."""
+SEEN = 0.6
+"""Share of a bell's energy that must be within the recording."""
+CORRELATED = 0.1
+"""Time after which an unexplained force is another one, s; so many samples count as one."""
+MASSES = 0.1
+"""Share of their spread by which masses may differ from those that windows told, since accelerations are smoothed."""
+SHARE = 0.1
+"""Of the forces of a motion that new recordings may have more or less of any friction."""
+SLOW = 0.3
+"""Speed below which friction is not what it is beyond, rad/s or m/s."""
+ALIKE = 0.5
+"""Share of a force that other new recordings have in the same states, from which it is no push."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force that came and went.
+
+    Attributes:
+        recording: its number.
+        dof: at which it pushed.
+        start: s from the start of the recording; until then it is a seventh of its greatest.
+        duration: s.
+        force: greatest, N m or N.
+        deviation: standard deviation of this force, N m or N.
+        times: how much it stands out, over the most that chance makes stand out.
+    """
+
+    recording: int
+    dof: int
+    start: float
+    duration: float
+    force: float
+    deviation: float
+    times: float
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How bells stand out in a recording, for each of D durations.
+
+    Attributes:
+        score: `[D, S, nv]` of a bell in the middle of each step.
+        height: `[D, S, nv]` of it, N m or N.
+        left: `[S, nv]` forces that nothing explains.
+    """
+
+    score: Array
+    height: Array
+    left: Array
+
+    @property
+    def most(self) -> Array:
+        """`[nv]` of all bells."""
+        return np.abs(self.score).max(axis=(0, 1))
+
+
+@dataclass(frozen=True)
+class Pushes:
+    """Looks for pushes.
+
+    Attributes:
+        motion: whole recordings.
+        columns: `[W, S, nv, P]` of terms, N m or N per unit.
+        precision: `[P]` of what differs from the values that windows told.
+        own: `[W, S, nv, K]` what new recordings may have by themselves.
+        own_precision: `[K]` of it.
+        target: `[W, S, nv]` forces that those values leave, N m or N.
+        scale: `[nv]` usual size of what nothing explains, N m or N.
+        circumstances: `[W, S, F]` squares with which it grows.
+        baseline: recordings.
+        new: the others.
+        criteria: thresholds.
+    """
+
+    motion: Smoothed
+    columns: Array
+    precision: Array
+    own: Array
+    own_precision: Array
+    target: Array
+    scale: Array
+    circumstances: Array
+    baseline: tuple[int, ...]
+    new: tuple[int, ...]
+    criteria: Criteria
+
+    @classmethod
+    def of(
+        cls, motion: Motion, values: dict[str, float], discrepancy: Discrepancy, baseline: int, criteria: Criteria
+    ) -> "Pushes":
+        """Of the recordings of a motion.
+
+        Args:
+            motion: followed in windows.
+            values: of shared terms, in both sets, by name.
+            discrepancy: that the baseline leaves.
+            baseline: number of recordings of the baseline, the first ones.
+            criteria: thresholds.
+        """
+        whole = Smoothed.whole(motion)
+        terms = shared_terms(whole, criteria)
+        columns = np.stack([t.column for t in terms], axis=-1).reshape(*whole.v.shape, -1)
+        target = whole.residual.reshape(whole.v.shape) - columns @ np.array([values.get(t.name, 0.0) for t in terms])
+        inertial = np.array([t.effect is None and not (t.zero or t.beyond) for t in terms])
+        spreads = np.array([t.spread for t in terms])
+        gains = [e.with_parameters(k=2.0) for e in ActuatorGain.candidates(whole.model)]
+        own = np.concatenate([columns[..., ~inertial], _columns(whole, gains)], axis=-1)
+        usual = np.sqrt(np.mean(whole.required[whole.inside] ** 2, axis=0))
+        size = np.sqrt(np.mean(own[whole.inside] ** 2, axis=0))
+        expected = np.max(SHARE * usual[:, None] / np.maximum(size, 1e-12), axis=0, where=size > 0, initial=0.0)
+        known = np.concatenate([spreads[~inertial], np.full(own.shape[-1] - int((~inertial).sum()), np.inf)])
+        numbers = np.arange(len(whole.v))
+        return cls(
+            whole,
+            columns,
+            (spreads * np.where(inertial, MASSES, 1.0)) ** -2.0,
+            own,
+            np.where(np.isfinite(known), known, np.maximum(expected, 1e-12)) ** -2.0,
+            target,
+            discrepancy.force,
+            _circumstances(whole),
+            tuple(numbers[:baseline].tolist()),
+            tuple(numbers[baseline:].tolist()),
+            criteria,
+        )
+
+    def found(self, changes: Sequence[Effect]) -> list[Push]:
+        """Pushes in new recordings beside lasting changes, those that stand out most first.
+
+        None are found where they would be anywhere: then it is something else.
+        """
+        forces = [e for e in changes if not e.observes]
+        new = self._standing(self.baseline, self.new, _columns(self.motion, forces))
+        least = self._least()
+        peaks = [p for number, standing in new.items() for p in self._peaks(number, standing, least)]
+        peaks = [p for p in peaks if not self._in_others(p, new)]
+        seconds = STEP * self.motion.inside[list(self.new)].sum()
+        if sum(p.duration for p in peaks) > self.criteria.pushed * seconds:
+            return []
+        return sorted(peaks, key=lambda p: -p.times)
+
+    def _least(self) -> float:
+        """How much a bell stands out by chance once in many recordings, from runs of the baseline.
+
+        Logarithms of the most in each run, at each joint, are about normal; a further one is below a prediction limit
+        (Student's t; Hahn and Meeker, 1991).
+        """
+        most = []
+        for run in self.baseline:
+            others = tuple(r for r in self.baseline if r != run)
+            most.append(self._standing(others, (run,), self.own[..., :0])[run].most)
+        x = np.log(np.maximum(np.concatenate(most), 1e-12))
+        chance = self.criteria.false_push / len(self.scale)
+        beyond = student.ppf(1 - chance, len(x) - 1) * np.sqrt(1 + 1 / len(x)) * x.std(ddof=1)
+        return float(np.exp(x.mean() + beyond))
+
+    def _standing(self, baseline: Sequence[int], new: Sequence[int], changed: Array) -> dict[int, Standing]:
+        """How bells stand out in new recordings, which have columns `[W, S, nv, C]` of changes by themselves."""
+        both = [*baseline, *new]
+        left, known = self._left(both, new, changed), dict(zip(both, speeds_within(self.motion, both, baseline)))
+        calm = [known[r] for r in baseline]
+        squares = np.concatenate([left[r][k] ** 2 for r, k in zip(baseline, calm, strict=True)])
+        squares = np.minimum(squares, 50 * np.median(squares, axis=0))  # single samples do not count
+        grows = np.concatenate([self.circumstances[r][k] for r, k in zip(baseline, calm, strict=True)])
+        shares = np.stack([nnls(grows, column)[0] for column in squares.T], axis=-1)
+        out = {}
+        for r in new:
+            spread = np.sqrt(self.circumstances[r] @ shares + (0.2 * self.scale) ** 2)
+            out[r] = _standing(left[r], spread, known[r])
+        return out
+
+    def _left(self, recordings: Sequence[int], new: Sequence[int], changed: Array) -> dict[int, Array]:
+        """Forces that nothing explains, `[S, nv]` (iteratively reweighted least squares; Geman and McClure, 1985)."""
+        at, nv = list(recordings), len(self.scale)
+        inside, is_new = self.motion.inside[at], np.isin(at, list(new))
+        extra = np.concatenate([self.own, changed], axis=-1)[at] * is_new[:, None, None, None]
+        x = np.concatenate([self.columns[at], extra], axis=-1)
+        y, rows = self.target[at], x[inside]
+        precision = np.concatenate([self.precision, self.own_precision, np.zeros(changed.shape[-1])])
+        weights = np.ones((len(rows), nv))
+        for _ in range(12):
+            flat = (rows * (np.sqrt(weights) / self.scale)[..., None]).reshape(-1, rows.shape[-1])
+            right = (y[inside] * np.sqrt(weights) / self.scale).ravel()
+            normal = STEP / CORRELATED * flat.T @ flat + np.diag(precision)
+            size = np.sqrt(np.diag(normal) + 1e-300)
+            values = np.linalg.lstsq(normal / size[:, None] / size, STEP / CORRELATED * flat.T @ right / size)[0] / size
+            left = y - x @ values
+            weights = (1 + (left[inside] / (2 * self.scale)) ** 2) ** -2
+        return dict(zip(at, left, strict=True))
+
+    def _peaks(self, number: int, standing: Standing, least: float) -> list[Push]:
+        """Bells that stand out, one after the other, without those that overlap them at any joint."""
+        score, out = np.abs(standing.score), []
+        while score.max() > least:
+            d, k, dof = (int(i) for i in np.unravel_index(np.argmax(score), score.shape))
+            duration, height = DURATIONS[d], float(standing.height[d, k, dof])
+            times = float(score[d, k, dof]) / least
+            start = float(self.motion.time[number, k]) - duration / 2
+            deviation = abs(height / standing.score[d, k, dof])
+            out.append(Push(number, dof, start, duration, height, deviation, times))
+            around = round((0.65 * duration + 0.05) / STEP)
+            score[:, max(0, k - around) : k + around] = 0.0
+        return out
+
+    def _in_others(self, push: Push, new: dict[int, Standing]) -> bool:
+        """Whether other new recordings show a force as well, in the states that are most alike."""
+        others = [r for r in self.new if r != push.recording]
+        within = np.abs(self.motion.time[0] - push.start - push.duration / 2) < push.duration / 2
+        here = float(new[push.recording].left[within, push.dof].mean())
+        states, shares = self._states(), []
+        for r in others:
+            inside = self.motion.inside[r]
+            nearest = cKDTree(states[r][inside]).query(states[push.recording][within])[1]
+            shares.append(float(new[r].left[inside][nearest, push.dof].mean()) / here)
+        return bool(shares) and float(np.median(shares)) > ALIKE
+
+    def _states(self) -> Array:
+        """Positions and velocities in units of what the baseline has, `[W, S, n]`; hinges turn round."""
+        m, old = self.motion, list(self.baseline)
+        states = np.concatenate([np.sin(m.q), np.cos(m.q), m.v], axis=-1)
+        return states / (states[old][m.inside[old]].std(axis=0) + 1e-9)
+
+
+def _columns(motion: Smoothed, effects: Iterable[Effect]) -> Array:
+    """Forces of effects that can be tested, `[W, S, nv, C]`, smoothed as the motion is."""
+    found = [motion.answer(force_of(motion, e)) for e in effects if can_be_tested(e, motion.model)]
+    return np.stack([*found], axis=-1).reshape(*motion.v.shape, -1) if found else np.zeros((*motion.v.shape, 0))
+
+
+def _circumstances(motion: Smoothed) -> Array:
+    """Squares with which unexplained forces may grow, `[W, S, F]`, in units of their means; the first is one."""
+    rate = np.gradient(motion.u, STEP, axis=1)
+    rest = 1 - np.tanh(np.abs(motion.v) / SLOW) ** 2
+    squares = np.concatenate([motion.required**2, motion.v**2, rate**2, rest], axis=-1)
+    squares = gaussian_filter1d(squares, CORRELATED / STEP, axis=1, mode="nearest")
+    squares /= squares[motion.inside].mean(axis=0) + 1e-12
+    return np.concatenate([np.ones_like(squares[..., :1]), squares], axis=-1)
+
+
+def _standing(left: Array, spread: Array, known: Mask) -> Standing:
+    """Bells fitted by least squares around every time, over the spread of a force that is as slow.
+
+    A recording that all in all leaves more than expected counts for less; what stands out does not count in that.
+
+    Args:
+        left: `[S, nv]` forces that nothing explains.
+        spread: `[S, nv]` expected of them.
+        known: `[S]` where both are known.
+    """
+    weight = known[:, None] / spread**2
+    scores, heights = [], []
+    for duration in DURATIONS:
+        t = np.arange(-round(0.75 * duration / STEP), round(0.75 * duration / STEP) + 1) * STEP
+        bell = np.exp(-0.5 * (4 * t / duration) ** 2)[:, None]
+        energy = np.maximum(fftconvolve(weight, bell**2, "same", axes=0), 1e-9 * weight.max())
+        height = fftconvolve(weight * left, bell, "same", axes=0) / energy
+        deviation = fftconvolve(weight * spread, bell, "same", axes=0) / energy
+        seen = fftconvolve(known[:, None].astype(float), bell**2, "same", axes=0) > SEEN * (bell**2).sum()
+        scores.append(np.where(seen, height / np.maximum(deviation, 1e-12), 0.0))
+        heights.append(height)
+    whole = np.sqrt(np.mean(np.minimum((left / spread)[known] ** 2, 1.0), axis=0))
+    return Standing(np.array(scores) / whole, np.array(heights), left)
