@@ -33,6 +33,9 @@ SEEN = 0.6
 """Share of a bell's energy that must be within the recording."""
 CORRELATED = 0.1
 """Time after which an unexplained force is another one, s; so many samples count as one."""
+AROUND = 0.2
+"""Standard deviation of the time over which circumstances count together, s: as long as pushes are. Held-out runs of the
+baseline are more likely so than with .05 or .1 s (docs/notebook/2026-11-25-pushes.md)."""
 MASSES = 0.1
 """Share of their spread by which masses may differ from those that windows told, since accelerations are smoothed."""
 SHARE = 0.1
@@ -65,6 +68,11 @@ class Push:
     deviation: float
     times: float
 
+    @property
+    def end(self) -> float:
+        """Seconds from the start of the recording."""
+        return self.start + self.duration
+
 
 @dataclass(frozen=True)
 class Standing:
@@ -73,17 +81,19 @@ class Standing:
     Attributes:
         score: `[D, S, nv]` of a bell in the middle of each step.
         height: `[D, S, nv]` of it, N m or N.
+        gain: `[D, S, nv]` fall of the weighted sum of squares with it.
         left: `[S, nv]` forces that nothing explains.
     """
 
     score: Array
     height: Array
+    gain: Array
     left: Array
 
     @property
     def most(self) -> Array:
-        """`[nv]` of all bells."""
-        return np.abs(self.score).max(axis=(0, 1))
+        """`[D, nv]` of all times."""
+        return np.abs(self.score).max(axis=1)
 
 
 @dataclass(frozen=True)
@@ -171,20 +181,22 @@ class Pushes:
             return []
         return sorted(peaks, key=lambda p: -p.times)
 
-    def _least(self) -> float:
-        """How much a bell stands out by chance once in many recordings, from runs of the baseline.
+    def _least(self) -> Array:
+        """How much a bell of each duration, `[D]`, stands out by chance once in many recordings, from runs of the baseline.
 
-        Logarithms of the most in each run, at each joint, are about normal; a further one is below a prediction limit
-        (Student's t; Hahn and Meeker, 1991).
+        Logarithms of the most in each run, at each joint, in units of what is usual for the duration, are about normal; a
+        further one is below a prediction limit (Student's t; Hahn and Meeker, 1991).
         """
-        most = []
+        runs = []
         for run in self.baseline:
             others = tuple(r for r in self.baseline if r != run)
-            most.append(self._standing(others, (run,), self.own[..., :0])[run].most)
-        x = np.log(np.maximum(np.concatenate(most), 1e-12))
+            runs.append(self._standing(others, (run,), self.own[..., :0])[run].most)
+        most = np.log(np.maximum(np.concatenate(runs, axis=1), 1e-12))
+        usual = most.mean(axis=1, keepdims=True)
+        x = (most - usual).max(axis=0)
         chance = self.criteria.false_push / len(self.scale)
         beyond = student.ppf(1 - chance, len(x) - 1) * np.sqrt(1 + 1 / len(x)) * x.std(ddof=1)
-        return float(np.exp(x.mean() + beyond))
+        return np.exp(usual[:, 0] + x.mean() + beyond)
 
     def _standing(self, baseline: Sequence[int], new: Sequence[int], changed: Array) -> dict[int, Standing]:
         """How bells stand out in new recordings, which have columns `[W, S, nv, C]` of changes by themselves."""
@@ -220,18 +232,23 @@ class Pushes:
             weights = (1 + (left[inside] / (2 * self.scale)) ** 2) ** -2
         return dict(zip(at, left, strict=True))
 
-    def _peaks(self, number: int, standing: Standing, least: float) -> list[Push]:
+    def _peaks(self, number: int, standing: Standing, least: Array) -> list[Push]:
         """Bells that stand out, one after the other, without those that overlap them at any joint."""
-        score, out = np.abs(standing.score), []
-        while score.max() > least:
-            d, k, dof = (int(i) for i in np.unravel_index(np.argmax(score), score.shape))
+        times, out = np.abs(standing.score) / least[:, None, None], []
+        while times.max() > 1.0:
+            d, k, dof = (int(i) for i in np.unravel_index(np.argmax(times), times.shape))
+            most, near = float(times[d, k, dof]), round(DURATIONS[d] / 2 / STEP)
+            first = max(0, k - near)
+            gain = np.where(standing.score[:, first : k + near, dof], standing.gain[:, first : k + near, dof], 0.0)
+            d, k = (int(i) for i in np.unravel_index(np.argmax(gain), gain.shape))  # its best time and duration
+            k += first
             duration, height = DURATIONS[d], float(standing.height[d, k, dof])
-            times = float(score[d, k, dof]) / least
             start = float(self.motion.time[number, k]) - duration / 2
-            deviation = abs(height / standing.score[d, k, dof])
-            out.append(Push(number, dof, start, duration, height, deviation, times))
-            around = round((0.65 * duration + 0.05) / STEP)
-            score[:, max(0, k - around) : k + around] = 0.0
+            deviation = abs(height / float(standing.score[d, k, dof]))
+            out.append(Push(number, dof, start, duration, height, deviation, most))
+            for e, other in enumerate(DURATIONS):
+                around = round((duration + other) / 2 / STEP)
+                times[e, max(0, k - around) : k + around + 1] = 0.0
         return out
 
     def _in_others(self, push: Push, new: dict[int, Standing]) -> bool:
@@ -264,7 +281,7 @@ def _circumstances(motion: Smoothed) -> Array:
     rate = np.gradient(motion.u, STEP, axis=1)
     rest = 1 - np.tanh(np.abs(motion.v) / SLOW) ** 2
     squares = np.concatenate([motion.required**2, motion.v**2, rate**2, rest], axis=-1)
-    squares = gaussian_filter1d(squares, CORRELATED / STEP, axis=1, mode="nearest")
+    squares = gaussian_filter1d(squares, AROUND / STEP, axis=1, mode="nearest")
     squares /= squares[motion.inside].mean(axis=0) + 1e-12
     return np.concatenate([np.ones_like(squares[..., :1]), squares], axis=-1)
 
@@ -280,7 +297,7 @@ def _standing(left: Array, spread: Array, known: Mask) -> Standing:
         known: `[S]` where both are known.
     """
     weight = known[:, None] / spread**2
-    scores, heights = [], []
+    scores, heights, gains = [], [], []
     for duration in DURATIONS:
         t = np.arange(-round(0.75 * duration / STEP), round(0.75 * duration / STEP) + 1) * STEP
         bell = np.exp(-0.5 * (4 * t / duration) ** 2)[:, None]
@@ -290,5 +307,6 @@ def _standing(left: Array, spread: Array, known: Mask) -> Standing:
         seen = fftconvolve(known[:, None].astype(float), bell**2, "same", axes=0) > SEEN * (bell**2).sum()
         scores.append(np.where(seen, height / np.maximum(deviation, 1e-12), 0.0))
         heights.append(height)
+        gains.append(height**2 * energy)
     whole = np.sqrt(np.mean(np.minimum((left / spread)[known] ** 2, 1.0), axis=0))
-    return Standing(np.array(scores) / whole, np.array(heights), left)
+    return Standing(np.array(scores) / whole, np.array(heights), np.array(gains), left)

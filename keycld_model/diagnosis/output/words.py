@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from math import floor, isfinite, log10
 
-from keycld_envs.effects import EFFECTS, Effect
+from keycld_envs.effects import EFFECTS, Effect, ExternalPulse
 from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors, Unexplained, Verdict
 from keycld_model.rigid_body.residual_force import ResidualForce
 
@@ -142,7 +142,12 @@ def changed_headline(
         return (
             f"Nothing has changed: the recordings differ no more than the {runs} runs of the baseline among themselves."
         )
+    pushes = [f for f in findings if f.effect == ExternalPulse.id]
     what = _few(findings) if len(findings) < 3 else _many(findings)
+    if len(pushes) == len(findings):
+        times = sum(len(spans) for f in pushes for spans in (f.when_by_recording or {}).values())
+        where = " and ".join(place(f) for f in pushes)
+        return f"Somebody or something pushed {times} times in the new recordings, at {where}; nothing else has changed."
     since = "that the baseline has not" if verdict == "mismatch" else "that the baseline may not have"
     verb = "falls" if errors.corrected < errors.refitted else "goes"
     return (
