@@ -73,7 +73,7 @@ class Criteria:
         pulse: nats that a pulse must gain: three parameters, and its time and joint were searched for.
         pulse_windows: windows with the gain of a pulse that are no coincidence; of 75 null cases none had two.
         pulse_share: share of the windows that pulses may be in; where there are more, it is something else.
-        false_push: chance that a push is found in a recording, beside a baseline, in which nobody pushes.
+        false_push: chance that pushes are found in a comparison with a baseline in which nobody pushes.
         pushed: share of the time in which there may be such pushes; where there are more, it is something else.
         idealised_share: share of the misfit that idealised forms leave, and flexible ones may mend: what pulses may
             leave, and what a residual force must gain beside named effects.
@@ -113,7 +113,7 @@ class Criteria:
     pulse: float = 20.0
     pulse_windows: int = 2
     pulse_share: float = 0.7
-    false_push: float = 0.05
+    false_push: float = 0.02
     pushed: float = 0.3
     idealised_share: float = 0.02
     residual_force: float = 15.0

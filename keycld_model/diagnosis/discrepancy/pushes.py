@@ -22,8 +22,8 @@ from keycld_envs.effects import ActuatorGain, Effect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.discrepancy.regression import Discrepancy
-from keycld_model.diagnosis.discrepancy.regressors import can_be_tested, force_of, shared_terms
-from keycld_model.diagnosis.discrepancy.smoothed import STEP, Smoothed, speeds_within
+from keycld_model.diagnosis.discrepancy.regressors import can_be_tested, force_of, resting, shared_terms
+from keycld_model.diagnosis.discrepancy.smoothed import STEP, Smoothed, within_range
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -108,6 +108,7 @@ class Pushes:
         own_precision: `[K]` of it.
         target: `[W, S, nv]` forces that those values leave, N m or N.
         scale: `[nv]` usual size of what nothing explains, N m or N.
+        held: `[W, S, nv]` dry friction where joints rest, which may hold any force up to its own, N m or N.
         circumstances: `[W, S, F]` squares with which it grows.
         baseline: recordings.
         new: the others.
@@ -121,6 +122,7 @@ class Pushes:
     own_precision: Array
     target: Array
     scale: Array
+    held: Array
     circumstances: Array
     baseline: tuple[int, ...]
     new: tuple[int, ...]
@@ -140,9 +142,12 @@ class Pushes:
             criteria: thresholds.
         """
         whole = Smoothed.whole(motion)
+        none = np.zeros((len(whole.v), whole.v.shape[2]))
         terms = shared_terms(whole, criteria)
         columns = np.stack([t.column for t in terms], axis=-1).reshape(*whole.v.shape, -1)
-        target = whole.residual.reshape(whole.v.shape) - columns @ np.array([values.get(t.name, 0.0) for t in terms])
+        common = np.array([values.get(t.name, 0.0) for t in terms])
+        target = whole.residual.reshape(whole.v.shape) - columns @ common
+        friction = np.abs(sum((v * t.holds for v, t in zip(common, terms, strict=True) if t.holds is not None), none))
         inertial = np.array([t.effect is None and not (t.zero or t.beyond) for t in terms])
         spreads = np.array([t.spread for t in terms])
         gains = [e.with_parameters(k=2.0) for e in ActuatorGain.candidates(whole.model)]
@@ -160,6 +165,7 @@ class Pushes:
             np.where(np.isfinite(known), known, np.maximum(expected, 1e-12)) ** -2.0,
             target,
             discrepancy.force,
+            friction[:, None] * resting(whole.v),
             _circumstances(whole),
             tuple(numbers[:baseline].tolist()),
             tuple(numbers[baseline:].tolist()),
@@ -182,7 +188,7 @@ class Pushes:
         return sorted(peaks, key=lambda p: -p.times)
 
     def _least(self) -> Array:
-        """How much a bell of each duration, `[D]`, stands out by chance once in many recordings, from runs of the baseline.
+        """How much a bell of each duration, `[D]`, stands out by chance in one of many comparisons, from runs of the baseline.
 
         Logarithms of the most in each run, at each joint, in units of what is usual for the duration, are about normal; a
         further one is below a prediction limit (Student's t; Hahn and Meeker, 1991).
@@ -194,14 +200,14 @@ class Pushes:
         most = np.log(np.maximum(np.concatenate(runs, axis=1), 1e-12))
         usual = most.mean(axis=1, keepdims=True)
         x = (most - usual).max(axis=0)
-        chance = self.criteria.false_push / len(self.scale)
+        chance = self.criteria.false_push / (len(self.scale) * len(self.new))
         beyond = student.ppf(1 - chance, len(x) - 1) * np.sqrt(1 + 1 / len(x)) * x.std(ddof=1)
         return np.exp(usual[:, 0] + x.mean() + beyond)
 
     def _standing(self, baseline: Sequence[int], new: Sequence[int], changed: Array) -> dict[int, Standing]:
         """How bells stand out in new recordings, which have columns `[W, S, nv, C]` of changes by themselves."""
         both = [*baseline, *new]
-        left, known = self._left(both, new, changed), dict(zip(both, speeds_within(self.motion, both, baseline)))
+        left, known = self._left(both, new, changed), dict(zip(both, within_range(self.motion, both, baseline)))
         calm = [known[r] for r in baseline]
         squares = np.concatenate([left[r][k] ** 2 for r, k in zip(baseline, calm, strict=True)])
         squares = np.minimum(squares, 50 * np.median(squares, axis=0))  # single samples do not count
@@ -209,7 +215,7 @@ class Pushes:
         shares = np.stack([nnls(grows, column)[0] for column in squares.T], axis=-1)
         out = {}
         for r in new:
-            spread = np.sqrt(self.circumstances[r] @ shares + (0.2 * self.scale) ** 2)
+            spread = np.sqrt(self.circumstances[r] @ shares + self.held[r] ** 2 + (0.2 * self.scale) ** 2)
             out[r] = _standing(left[r], spread, known[r])
         return out
 
@@ -229,7 +235,8 @@ class Pushes:
             size = np.sqrt(np.diag(normal) + 1e-300)
             values = np.linalg.lstsq(normal / size[:, None] / size, STEP / CORRELATED * flat.T @ right / size)[0] / size
             left = y - x @ values
-            weights = (1 + (left[inside] / (2 * self.scale)) ** 2) ** -2
+            most = np.maximum(self.scale, 1.48 * np.median(np.abs(left[inside]), axis=0))  # pushes begin as all's misfit
+            weights = (1 + (left[inside] / (2 * most)) ** 2) ** -2
         return dict(zip(at, left, strict=True))
 
     def _peaks(self, number: int, standing: Standing, least: Array) -> list[Push]:

@@ -18,6 +18,7 @@ from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.inputs.observation import Observation
 from keycld_model.diagnosis.inputs.prepare import spacing
+from keycld_model.diagnosis.inputs.ranges import Paths, beyond
 from keycld_model.diagnosis.inputs.windows import average_commands
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
@@ -129,13 +130,14 @@ def _of_motors(model: mujoco.MjModel, q: Array, v: Array, u: Array) -> Array:
     return out
 
 
-def speeds_within(motion: Smoothed, rows: Sequence[int], known: Sequence[int]) -> NDArray[np.bool_]:
-    """Where some recordings have no greater speeds than the known ones, `[len(rows), S]`.
+def within_range(motion: Smoothed, rows: Sequence[int], known: Sequence[int]) -> NDArray[np.bool_]:
+    """Where some recordings are at positions and speeds that the known ones have, too, `[len(rows), S]`.
 
-    Forces that nobody modelled grow with speed, and are unknown beyond.
+    Forces that nobody modelled are unknown beyond.
     """
-    v = motion.v[list(known)][motion.inside[list(known)]]
-    low, high = np.quantile(v, [0.005, 0.995], axis=0)  # single samples do not count
-    margin = 0.1 * (high - low)
-    own = motion.v[list(rows)]
-    return motion.inside[list(rows)] & np.all((own > low - margin) & (own < high + margin), axis=-1)
+    was, inside = list(known), motion.inside[list(known)]
+    paths = Paths(*(x[was][inside][None] for x in (motion.q, motion.v, motion.u)))
+    own = Paths(*(x[list(rows)] for x in (motion.q, motion.v, motion.u)))
+    channels = beyond(motion.model, paths, own)
+    outside = np.any([b for channel, b in channels.items() if not channel.startswith("command")], axis=0)
+    return motion.inside[list(rows)] & ~outside
