@@ -104,7 +104,7 @@ def compare(
     found = whitened_again(motion, terms, columns.answers, of_baseline, discrepancy)
     advance(10, "looking for pushes")
     looked = _Looked(motion, terms, columns, found, discrepancy, len(baseline), within, criteria)
-    pushes = _pushes(motion, terms, found, discrepancy, len(baseline), criteria)
+    pushes = _looking(motion, terms, found, discrepancy, len(baseline), criteria)
     given = pushes.found(()) if pushes else []
     selection, changes, next_best, inconsistent = looked.beside(given, advance)
     if pushes and given and changes:  # which may be what seemed to be pushes
@@ -119,17 +119,16 @@ def compare(
     return Comparison(motion, terms, common, changes, next_best, inconsistent, beyond, left, contest, given)
 
 
-def _pushes(
-    motion: Motion, terms: Sequence[Term], found: Regression, discrepancy: Discrepancy, baseline: int, criteria: Criteria
+def _looking(
+    motion: Motion, terms: Sequence[Term], found: Regression, left: Discrepancy, baseline: int, criteria: Criteria
 ) -> Pushes | None:
     """Looks for pushes beside what both sets share; None where motors have states of their own."""
     if motion.model.na:
         return None
     everything = np.ones(len(motion.windows), dtype=np.bool_)
     values = found.solve(everything, found.shared[..., :0], np.zeros(0)).values
-    return Pushes.of(
-        motion, {t.name: float(v) for t, v in zip(terms, values, strict=True)}, discrepancy, baseline, criteria
-    )
+    by_name = {t.name: float(v) for t, v in zip(terms, values, strict=True)}
+    return Pushes.of(motion, by_name, left, baseline, criteria)
 
 
 @dataclass(frozen=True)

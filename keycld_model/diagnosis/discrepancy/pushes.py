@@ -1,10 +1,10 @@
 """Pushes in new recordings only: forces that come and go, where a baseline has none.
 
-Along whole recordings, smoothed, nothing explains what friction, masses and motors leave: those of both sets, and what
-the new ones may have of it by themselves, in a regression in which samples far off hardly count. What is left is larger
-where motion is fast and commands jump, as the baseline tells. A push is a bell in time (a matched filter) that
-stands out more than any does in runs of the baseline, each held against the others, and that other new recordings do not
-show in the same states, as they would a lasting change.
+Along whole recordings, smoothed, some force is left by friction, masses and motors: those of both sets, and what the
+new ones may have of them by themselves, in a regression in which samples far off hardly count. It is larger where
+motion is fast and commands jump, as the baseline tells. A push is a bell in time that stands out more than any does in
+runs of the baseline, each held against the others, and that other new recordings do not show in the same states, as
+they would a lasting change.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
-from scipy.signal import fftconvolve
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.stats import t as student
 
 from keycld_envs.effects import ActuatorGain, Effect
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.bells import DURATIONS, Standing, standing
 from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.discrepancy.regression import Discrepancy
 from keycld_model.diagnosis.discrepancy.regressors import can_be_tested, force_of, resting, shared_terms
@@ -27,15 +27,11 @@ from keycld_model.diagnosis.discrepancy.smoothed import STEP, Smoothed, within_r
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-DURATIONS = (0.24, 0.36, 0.52)
-"""Of pushes, s: four standard deviations of the bell; a hand takes a quarter to half a second."""
-SEEN = 0.6
-"""Share of a bell's energy that must be within the recording."""
 CORRELATED = 0.1
 """Time after which an unexplained force is another one, s; so many samples count as one."""
 AROUND = 0.2
-"""Standard deviation of the time over which circumstances count together, s: as long as pushes are. Held-out runs of the
-baseline are more likely so than with .05 or .1 s (docs/notebook/2026-11-25-pushes.md)."""
+"""Standard deviation of the time over which circumstances count together, s: as long as pushes are. Held-out runs of
+baselines are more likely so than with .05 or .1 s (docs/notebook/2026-11-25-pushes.md)."""
 MASSES = 0.1
 """Share of their spread by which masses may differ from those that windows told, since accelerations are smoothed."""
 SHARE = 0.1
@@ -72,28 +68,6 @@ class Push:
     def end(self) -> float:
         """Seconds from the start of the recording."""
         return self.start + self.duration
-
-
-@dataclass(frozen=True)
-class Standing:
-    """How bells stand out in a recording, for each of D durations.
-
-    Attributes:
-        score: `[D, S, nv]` of a bell in the middle of each step.
-        height: `[D, S, nv]` of it, N m or N.
-        gain: `[D, S, nv]` fall of the weighted sum of squares with it.
-        left: `[S, nv]` forces that nothing explains.
-    """
-
-    score: Array
-    height: Array
-    gain: Array
-    left: Array
-
-    @property
-    def most(self) -> Array:
-        """`[D, nv]` of all times."""
-        return np.abs(self.score).max(axis=1)
 
 
 @dataclass(frozen=True)
@@ -180,7 +154,7 @@ class Pushes:
         forces = [e for e in changes if not e.observes]
         new = self._standing(self.baseline, self.new, _columns(self.motion, forces))
         least = self._least()
-        peaks = [p for number, standing in new.items() for p in self._peaks(number, standing, least)]
+        peaks = [p for number, stands in new.items() for p in self._peaks(number, stands, least)]
         peaks = [p for p in peaks if not self._in_others(p, new)]
         seconds = STEP * self.motion.inside[list(self.new)].sum()
         if sum(p.duration for p in peaks) > self.criteria.pushed * seconds:
@@ -188,10 +162,11 @@ class Pushes:
         return sorted(peaks, key=lambda p: -p.times)
 
     def _least(self) -> Array:
-        """How much a bell of each duration, `[D]`, stands out by chance in one of many comparisons, from runs of the baseline.
+        """How much a bell of each duration stands out by chance in one of many comparisons, `[D]`.
 
-        Logarithms of the most in each run, at each joint, in units of what is usual for the duration, are about normal; a
-        further one is below a prediction limit (Student's t; Hahn and Meeker, 1991).
+        Logarithms of the most in each run of the baseline, held against the others, at each joint, in units of what is
+        usual for the duration, are about normal; a further one is below a prediction limit (Student's t; Hahn and
+        Meeker, 1991).
         """
         runs = []
         for run in self.baseline:
@@ -207,7 +182,7 @@ class Pushes:
     def _standing(self, baseline: Sequence[int], new: Sequence[int], changed: Array) -> dict[int, Standing]:
         """How bells stand out in new recordings, which have columns `[W, S, nv, C]` of changes by themselves."""
         both = [*baseline, *new]
-        left, known = self._left(both, new, changed), dict(zip(both, within_range(self.motion, both, baseline)))
+        left, known = self._left(both, new, changed), self._known(both, baseline)
         calm = [known[r] for r in baseline]
         squares = np.concatenate([left[r][k] ** 2 for r, k in zip(baseline, calm, strict=True)])
         squares = np.minimum(squares, 50 * np.median(squares, axis=0))  # single samples do not count
@@ -216,8 +191,12 @@ class Pushes:
         out = {}
         for r in new:
             spread = np.sqrt(self.circumstances[r] @ shares + self.held[r] ** 2 + (0.2 * self.scale) ** 2)
-            out[r] = _standing(left[r], spread, known[r])
+            out[r] = standing(left[r], spread, known[r])
         return out
+
+    def _known(self, recordings: Sequence[int], baseline: Sequence[int]) -> dict[int, Mask]:
+        """Where each is within the range of a baseline, `[S]`."""
+        return dict(zip(recordings, within_range(self.motion, recordings, baseline), strict=True))
 
     def _left(self, recordings: Sequence[int], new: Sequence[int], changed: Array) -> dict[int, Array]:
         """Forces that nothing explains, `[S, nv]` (iteratively reweighted least squares; Geman and McClure, 1985)."""
@@ -235,23 +214,23 @@ class Pushes:
             size = np.sqrt(np.diag(normal) + 1e-300)
             values = np.linalg.lstsq(normal / size[:, None] / size, STEP / CORRELATED * flat.T @ right / size)[0] / size
             left = y - x @ values
-            most = np.maximum(self.scale, 1.48 * np.median(np.abs(left[inside]), axis=0))  # pushes begin as all's misfit
+            most = np.maximum(self.scale, 1.48 * np.median(np.abs(left[inside]), axis=0))  # at first, pushes bend all
             weights = (1 + (left[inside] / (2 * most)) ** 2) ** -2
         return dict(zip(at, left, strict=True))
 
-    def _peaks(self, number: int, standing: Standing, least: Array) -> list[Push]:
+    def _peaks(self, number: int, stands: Standing, least: Array) -> list[Push]:
         """Bells that stand out, one after the other, without those that overlap them at any joint."""
-        times, out = np.abs(standing.score) / least[:, None, None], []
+        times, out = np.abs(stands.score) / least[:, None, None], []
         while times.max() > 1.0:
             d, k, dof = (int(i) for i in np.unravel_index(np.argmax(times), times.shape))
             most, near = float(times[d, k, dof]), round(DURATIONS[d] / 2 / STEP)
             first = max(0, k - near)
-            gain = np.where(standing.score[:, first : k + near, dof], standing.gain[:, first : k + near, dof], 0.0)
+            gain = np.where(stands.score[:, first : k + near, dof], stands.gain[:, first : k + near, dof], 0.0)
             d, k = (int(i) for i in np.unravel_index(np.argmax(gain), gain.shape))  # its best time and duration
             k += first
-            duration, height = DURATIONS[d], float(standing.height[d, k, dof])
+            duration, height = DURATIONS[d], float(stands.height[d, k, dof])
             start = float(self.motion.time[number, k]) - duration / 2
-            deviation = abs(height / float(standing.score[d, k, dof]))
+            deviation = abs(height / float(stands.score[d, k, dof]))
             out.append(Push(number, dof, start, duration, height, deviation, most))
             for e, other in enumerate(DURATIONS):
                 around = round((duration + other) / 2 / STEP)
@@ -266,7 +245,7 @@ class Pushes:
         states, shares = self._states(), []
         for r in others:
             inside = self.motion.inside[r]
-            nearest = cKDTree(states[r][inside]).query(states[push.recording][within])[1]
+            nearest = KDTree(states[r][inside]).query(states[push.recording][within])[1]
             shares.append(float(new[r].left[inside][nearest, push.dof].mean()) / here)
         return bool(shares) and float(np.median(shares)) > ALIKE
 
@@ -291,29 +270,3 @@ def _circumstances(motion: Smoothed) -> Array:
     squares = gaussian_filter1d(squares, AROUND / STEP, axis=1, mode="nearest")
     squares /= squares[motion.inside].mean(axis=0) + 1e-12
     return np.concatenate([np.ones_like(squares[..., :1]), squares], axis=-1)
-
-
-def _standing(left: Array, spread: Array, known: Mask) -> Standing:
-    """Bells fitted by least squares around every time, over the spread of a force that is as slow.
-
-    A recording that all in all leaves more than expected counts for less; what stands out does not count in that.
-
-    Args:
-        left: `[S, nv]` forces that nothing explains.
-        spread: `[S, nv]` expected of them.
-        known: `[S]` where both are known.
-    """
-    weight = known[:, None] / spread**2
-    scores, heights, gains = [], [], []
-    for duration in DURATIONS:
-        t = np.arange(-round(0.75 * duration / STEP), round(0.75 * duration / STEP) + 1) * STEP
-        bell = np.exp(-0.5 * (4 * t / duration) ** 2)[:, None]
-        energy = np.maximum(fftconvolve(weight, bell**2, "same", axes=0), 1e-9 * weight.max())
-        height = fftconvolve(weight * left, bell, "same", axes=0) / energy
-        deviation = fftconvolve(weight * spread, bell, "same", axes=0) / energy
-        seen = fftconvolve(known[:, None].astype(float), bell**2, "same", axes=0) > SEEN * (bell**2).sum()
-        scores.append(np.where(seen, height / np.maximum(deviation, 1e-12), 0.0))
-        heights.append(height)
-        gains.append(height**2 * energy)
-    whole = np.sqrt(np.mean(np.minimum((left / spread)[known] ** 2, 1.0), axis=0))
-    return Standing(np.array(scores) / whole, np.array(heights), np.array(gains), left)

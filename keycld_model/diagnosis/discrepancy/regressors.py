@@ -1,6 +1,5 @@
 """What each thing that a simulator may lack does along a motion, to first order: columns of a regression."""
 
-import copy
 from dataclasses import dataclass, replace
 
 import mujoco

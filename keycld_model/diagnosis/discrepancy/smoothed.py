@@ -1,8 +1,8 @@
 """Whole recordings, smoothed: the forces that a simulator would need, at any time, to within what vibrates.
 
-Windows of a motion that is followed begin anywhere, and their free initial states make up for what pushes for as short a
-time. Smoothed positions have derivatives throughout, and forces beside them are smoothed alike, so that what is
-slow is compared with what is slow.
+Windows of a motion that is followed begin anywhere, and their free initial states make up for what pushes for as short
+a time. Smoothed positions have derivatives throughout, and forces beside them are smoothed alike, so that what is slow
+is compared with what is slow.
 """
 
 from collections.abc import Sequence
@@ -53,13 +53,14 @@ class Smoothed(Motion):
         """Of the recordings of a motion that was followed in windows."""
         recordings, observation, model = motion.windows.recordings, motion.windows.observation, motion.model
         smoothing = max(SMOOTHING, 1.5 * spacing(recordings))
-        seconds = [float(r.t_state[-1] - r.t_state[0]) for r in recordings]
+        clocks = [np.asarray(r.t_state, dtype=np.float64) for r in recordings]
+        seconds = [float(t[-1] - t[0]) for t in clocks]
         steps = max(int(s / STEP) for s in seconds)
         path = np.stack([_positions(r, observation, steps, smoothing) for r in recordings])
         speed = np.gradient(path, STEP, axis=1)
         q, v, a = (_middle(x) for x in (path, speed, np.gradient(speed, STEP, axis=1)))
-        edges = STEP * np.arange(steps + 1)
-        commands = tuple(average_commands(r, r.t_state[0] + edges) for r in recordings)
+        edges: Array = STEP * np.arange(steps + 1, dtype=np.float64)
+        commands = tuple(average_commands(r, t[0] + edges) for r, t in zip(recordings, clocks, strict=True))
         u, time, w = np.stack(commands), np.tile(edges[:-1] + STEP / 2, (len(q), 1)), len(q)
         windows = replace(
             motion.windows,
@@ -67,7 +68,7 @@ class Smoothed(Motion):
             commands=commands,
             recording=np.arange(w),
             first=np.zeros(w, dtype=np.int64),
-            start=np.array([r.t_state[0] for r in recordings]),
+            start=np.array([t[0] for t in clocks]),
             time=np.zeros((w, 0)),
             measured=np.zeros((w, 0, model.nv)),
             steps=steps,

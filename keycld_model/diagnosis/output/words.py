@@ -147,7 +147,8 @@ def changed_headline(
     if len(pushes) == len(findings):
         times = sum(len(spans) for f in pushes for spans in (f.when_by_recording or {}).values())
         where = " and ".join(place(f) for f in pushes)
-        return f"Somebody or something pushed {times} times in the new recordings, at {where}; nothing else has changed."
+        often = "once" if times == 1 else f"{times} times"
+        return f"Somebody or something pushed {often} in the new recordings, at {where}; nothing else has changed."
     since = "that the baseline has not" if verdict == "mismatch" else "that the baseline may not have"
     verb = "falls" if errors.corrected < errors.refitted else "goes"
     return (
