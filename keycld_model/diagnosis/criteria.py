@@ -73,6 +73,8 @@ class Criteria:
         pulse: nats that a pulse must gain: three parameters, and its time and joint were searched for.
         pulse_windows: windows with the gain of a pulse that are no coincidence; of 75 null cases none had two.
         pulse_share: share of the windows that pulses may be in; where there are more, it is something else.
+        false_push: chance that pushes are found in a comparison with a baseline in which nobody pushes.
+        pushed: share of the time in which there may be such pushes; where there are more, it is something else.
         idealised_share: share of the misfit that idealised forms leave, and flexible ones may mend: what pulses may
             leave, and what a residual force must gain beside named effects.
         residual_force: nats that a residual force must gain on held-out recordings; its form is free.
@@ -111,6 +113,8 @@ class Criteria:
     pulse: float = 20.0
     pulse_windows: int = 2
     pulse_share: float = 0.7
+    false_push: float = 0.02
+    pushed: float = 0.3
     idealised_share: float = 0.02
     residual_force: float = 15.0
     changed: float = 25.0

@@ -59,6 +59,8 @@ def test_pushes_are_scored_by_overlap_joint_and_samples() -> None:
     wrong = pushes.score(report(("elbow", a, b, 0.5)), "run", t, torques, 0.2)
     assert (wrong.overlaps, wrong.false) == ([0.0], 1)
     assert wrong.auc is not None and wrong.auc < 0.5
+    weak = pushes.score(report(("shoulder", 1.9, 2.1, 0.1)), "run", t, torques, 0.2)
+    assert (weak.overlaps, weak.false) == ([0.0], 0)  # it need not be found, and is there
     none = {joint: np.zeros_like(t) for joint in torques}
     assert pushes.score(report(), "run", t, none, 0.2) == pushes.PushScore([], 0, None)
 

@@ -20,7 +20,7 @@ class PushScore:
 
     Attributes:
         overlaps: greatest intersection over union of each true push with one found at its joint.
-        false: number of those found that meet no true one.
+        false: number of those found where nothing pushes at their joint, weakly or strongly.
         auc: area under the ROC curve over the samples of all joints; None without true pushes.
     """
 
@@ -82,7 +82,8 @@ def score(report: Report, recording: str, clock: Array, torques: Mapping[str, Ar
         found = found_windows(report, recording, joint)
         true = true_windows(clock, torque, strong)
         overlaps += [max((overlap(span, window) for window, _ in found), default=0.0) for span in true]
-        false += sum(not any(overlap(span, window) > 0 for span in true) for window, _ in found)
+        pushed = np.abs(torque) > EDGE * strong
+        false += sum(not pushed[(clock >= a) & (clock <= b)].any() for (a, b), _ in found)
         for (a, b), f in found:
             guess[joint][(clock >= a) & (clock < b)] += abs(f)
     label = np.concatenate([np.abs(torque) for torque in torques.values()]) > EDGE * strong

@@ -16,6 +16,7 @@ from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
 from keycld_model.diagnosis.discrepancy.following import followed
 from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.discrepancy.overlap import beyond_baseline, comparable
+from keycld_model.diagnosis.discrepancy.pushes import Push, Pushes
 from keycld_model.diagnosis.discrepancy.regression import (
     Mask,
     Regression,
@@ -25,6 +26,8 @@ from keycld_model.diagnosis.discrepancy.regression import (
 from keycld_model.diagnosis.discrepancy.regressors import Term
 from keycld_model.diagnosis.discrepancy.selection import Change, Ranked, Selection, between_runs
 
+LEAST = 8
+"""Windows of new recordings in which nobody pushes, for lasting changes to be looked for in them alone."""
 RIGHT = 0.84
 """Share of first findings that were right on real recordings, by Laplace's rule: 47 of 55, of the 100 cases of
 gate G1 on 25 November 2026 (docs/real-data.md, "before")."""
@@ -45,6 +48,7 @@ class Comparison:
         discrepancy: that nothing explains.
         contest: in which changes were tested.
         chance: nats that each candidate gains between runs of the baseline, by effect and place.
+        pushes: in new recordings.
     """
 
     motion: Motion
@@ -57,6 +61,7 @@ class Comparison:
     discrepancy: Discrepancy
     contest: Contest
     chance: Mapping[Key, float]
+    pushes: Sequence[Push]
 
     @property
     def right(self) -> float:
@@ -96,21 +101,89 @@ def compare(
     columns = Columns.of(motion)
     advance(10, "what the baseline leaves")
     found = whitened_again(motion, terms, columns.answers, of_baseline, discrepancy)
-    zeros = [(i, term.spread) for i, term in enumerate(terms) if term.zero]
-    recording, new = _halves(motion, len(baseline), within)
-    contest = Contest(found, columns.candidates, recording, tuple(range(len(baseline))), new, zeros)
-    advance(20, "how runs of the baseline differ")
-    chance = between_runs(contest, criteria)
-    advance(20, "testing differences")
-    selection = Selection(motion, terms, columns, contest, discrepancy, of_baseline, criteria, chance)
-    changes, next_best, inconsistent = selection.changes(advance)
-    advance(20)
+    advance(10, "looking for pushes")
+    looked = _Looked(motion, terms, columns, found, discrepancy, len(baseline), within, criteria)
+    pushes = _looking(motion, terms, found, discrepancy, len(baseline), criteria)
+    given = pushes.found(()) if pushes else []
+    selection, changes, next_best, inconsistent = looked.beside(given, advance)
+    if pushes and given and changes:  # which may be what seemed to be pushes
+        again = pushes.found([c.effect for c in changes])
+        if looked.pushed(again).tolist() != looked.pushed(given).tolist():
+            selection, changes, next_best, inconsistent = looked.beside(again, lambda *_: None)
+        given = again
     contest = selection.contest
     common = _common(contest.regression, terms, of_baseline)
     advance(10)
+    left = selection.discrepancy
     return Comparison(
-        motion, terms, common, changes, next_best, inconsistent, beyond, selection.discrepancy, contest, chance
+        motion, terms, common, changes, next_best, inconsistent, beyond, left, contest, selection.chance, given
     )
+
+
+def _looking(
+    motion: Motion, terms: Sequence[Term], found: Regression, left: Discrepancy, baseline: int, criteria: Criteria
+) -> Pushes | None:
+    """Looks for pushes beside what both sets share; None where motors have states of their own."""
+    if motion.model.na:
+        return None
+    everything = np.ones(len(motion.windows), dtype=np.bool_)
+    values = found.solve(everything, found.shared[..., :0], np.zeros(0)).values
+    by_name = {t.name: float(v) for t, v in zip(terms, values, strict=True)}
+    return Pushes.of(motion, by_name, left, baseline, criteria)
+
+
+@dataclass(frozen=True)
+class _Looked:
+    """Looks for lasting changes, where nobody pushes.
+
+    Attributes:
+        motion: of both sets.
+        terms: that both share.
+        columns: of all candidates.
+        found: their regression.
+        discrepancy: that the baseline leaves.
+        baseline: number of its recordings.
+        within: `[W]` windows within the range of the baseline.
+        criteria: thresholds.
+    """
+
+    motion: Motion
+    terms: Sequence[Term]
+    columns: Columns
+    found: Regression
+    discrepancy: Discrepancy
+    baseline: int
+    within: Mask
+    criteria: Criteria
+
+    def pushed(self, pushes: Sequence[Push]) -> Mask:
+        """`[W]` windows in which somebody pushes."""
+        windows = self.motion.windows
+        ends, out = windows.begun + windows.steps * windows.step, np.zeros(len(windows), dtype=np.bool_)
+        for p in pushes:
+            out |= (windows.recording == p.recording) & (windows.begun < p.start + p.duration) & (ends > p.start)
+        return out
+
+    def beside(
+        self, pushes: Sequence[Push], advance: Callable[..., None]
+    ) -> tuple[Selection, list[Change], Ranked | None, bool]:
+        """The selection, its changes, the next best one, and whether that is in some of the new recordings only."""
+        of_baseline = self.motion.windows.recording < self.baseline
+        free = self.within & ~self.pushed(pushes)
+        if np.count_nonzero(free & ~of_baseline) < LEAST:
+            free = self.within
+        zeros = [(i, term.spread) for i, term in enumerate(self.terms) if term.zero]
+        recording, new = _halves(self.motion, self.baseline, free)
+        contest = Contest(self.found, self.columns.candidates, recording, tuple(range(self.baseline)), new, zeros)
+        advance(10, "how runs of the baseline differ")
+        chance = between_runs(contest, self.criteria)
+        advance(20, "testing differences")
+        selection = Selection(
+            self.motion, self.terms, self.columns, contest, self.discrepancy, of_baseline, self.criteria, chance
+        )
+        changes = selection.changes(advance)
+        advance(20)
+        return selection, *changes
 
 
 def _common(found: Regression, terms: Sequence[Term], of_baseline: Mask) -> Solution:

@@ -21,11 +21,13 @@ from keycld_model.diagnosis.inputs.ranges import notable
 from keycld_model.diagnosis.output.words import changed_headline, in_sentence
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.evidence import evidence
-from keycld_model.diagnosis.verdict.findings import estimates, nuisance_of
+from keycld_model.diagnosis.verdict.findings import Pushed, estimates, findings_of_pushes, nuisance_of
 from keycld_model.diagnosis.verdict.report import Finding, FitErrors, Report, Verdict
 
 IN_BOTH = 0.19
 """Confidence of what both sets have in common: it is fitted beside all that nobody modelled, and nothing cancels."""
+PUSHES_RIGHT = 0.88
+"""Share of pushes that were logged ones, by Laplace's rule: 20 of 22, of gate G2 (docs/real-data.md)."""
 LEFT = (
     "In both sets, forces of {} are explained by nothing; a difference is only told from them where it is larger or "
     "lasts."
@@ -44,7 +46,7 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
     rolled = _Rolled.of(found, model, criteria)
     errors = rolled.errors(found)
     runs = len(ids)
-    findings = [_finding(c, found, model, runs) for c in found.changes]
+    findings = [_finding(c, found, model, runs) for c in found.changes] + _pushes(found, model)
     perhaps = _perhaps(found, criteria)
     verdict = _verdict(found, errors, perhaps)
     return Report(
@@ -66,7 +68,7 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
 def _perhaps(found: Comparison, criteria: Criteria) -> str | None:
     """What may have changed where too little speaks for it, in words; None if nothing does."""
     best = found.next_best
-    if found.changes or found.inconsistent or best is None or best.times < criteria.perhaps_changed:
+    if found.changes or found.pushes or found.inconsistent or best is None or best.times < criteria.perhaps_changed:
         return None
     return f"{in_sentence(best.effect.id)} at {best.effect.where}"
 
@@ -90,7 +92,9 @@ def _friction_found(found: Comparison, model: mujoco.MjModel, criteria: Criteria
 def _verdict(found: Comparison, errors: FitErrors, perhaps: str | None) -> Verdict:
     """Whether something changed: what does not hold in all new recordings, or hardly stands out, is undetermined."""
     if found.changes:
-        return "mismatch" if errors.corrected < errors.refitted else "undetermined"
+        return "mismatch" if errors.corrected < errors.refitted or found.pushes else "undetermined"
+    if found.pushes:
+        return "mismatch"
     return "no_mismatch" if perhaps is None and not found.inconsistent else "undetermined"
 
 
@@ -112,6 +116,17 @@ def _finding(change: Change, found: Comparison, model: mujoco.MjModel, runs: int
         others,
         family_confidence=found.right * (1 + sum(same)) / everything,
     )
+
+
+def _pushes(found: Comparison, model: mujoco.MjModel) -> list[Finding]:
+    """Pushes as they are reported, in the order of time."""
+    windows = found.motion.windows
+    starts = [float(np.asarray(r.t_state)[0]) for r in windows.recordings]
+    pushed = [
+        Pushed(p.dof, windows.ids[p.recording], (starts[p.recording] + p.start, starts[p.recording] + p.end), p.force)
+        for p in sorted(found.pushes, key=lambda p: (p.recording, p.start))
+    ]
+    return findings_of_pushes(pushed, model, PUSHES_RIGHT)
 
 
 def _common(found: Comparison, model: mujoco.MjModel, runs: int) -> list[Finding]:
@@ -146,6 +161,18 @@ def _details(found: Comparison, refitted: Fit) -> dict[str, object]:
         },
         "unexplained_force": found.discrepancy.force.tolist(),
         "noise": found.motion.noise.tolist(),
+        "pushes": [
+            {
+                "recording": found.motion.windows.ids[p.recording],
+                "joint": str(found.motion.model.joint(int(found.motion.model.dof_jntid[p.dof])).name),
+                "start_s": round(p.start, 3),
+                "end_s": round(p.end, 3),
+                "force": round(p.force, 4),
+                "deviation": round(p.deviation, 4),
+                "times_chance": round(p.times, 2),
+            }
+            for p in found.pushes
+        ],
         "windows": len(found.motion.windows),
         "step_s": simulator.step,
         "chi_square": {"refitted": refitted.chi_square},

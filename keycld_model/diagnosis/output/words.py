@@ -6,7 +6,7 @@ from dataclasses import fields
 from math import floor, isfinite, log10
 from types import MappingProxyType
 
-from keycld_envs.effects import EFFECTS, Effect
+from keycld_envs.effects import EFFECTS, Effect, ExternalPulse
 from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors, Unexplained, Verdict
 from keycld_model.rigid_body.residual_force import ResidualForce
 
@@ -154,7 +154,13 @@ def changed_headline(
             f"Nothing has changed: the recordings differ no more than the {runs} runs of the baseline among themselves."
             f"{would}"
         )
+    pushes = [f for f in findings if f.effect == ExternalPulse.id]
     what = _few(findings) if len(findings) < 3 else _many(findings)
+    if len(pushes) == len(findings):
+        times = sum(len(spans) for f in pushes for spans in (f.when_by_recording or {}).values())
+        where = " and ".join(place(f) for f in pushes)
+        often = "once" if times == 1 else f"{times} times"
+        return f"Somebody or something pushed {often} in the new recordings, at {where}; nothing else has changed."
     since = "that the baseline has not" if verdict == "mismatch" else "that the baseline may not have"
     verb = "falls" if errors.corrected < errors.refitted else "goes"
     return (

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -122,12 +123,34 @@ def pulses_of(fit: Fit) -> list[Finding]:
     """One finding per joint that is pushed."""
     model, step, ids = fit.problem.simulator.model, fit.problem.simulator.step, fit.problem.windows.ids
     pulses = joined(fit.point.variant.pulses, 3 * step)
+    pushed = [Pushed(p.dof, ids[p.recording], (p.start, p.start + p.duration), p.force) for p in pulses]
+    return findings_of_pushes(pushed, model, confidence=1.0)
+
+
+class Pushed(NamedTuple):
+    """A push at a degree of freedom.
+
+    Attributes:
+        dof: its index.
+        recording: id of it.
+        span: begin and end, s.
+        force: N m or N.
+    """
+
+    dof: int
+    recording: str
+    span: tuple[float, float]
+    force: float
+
+
+def findings_of_pushes(pushes: Sequence[Pushed], model: mujoco.MjModel, confidence: float) -> list[Finding]:
+    """One finding per joint that is pushed."""
     out = []
-    for dof in sorted({p.dof for p in pulses}):
-        own = [p for p in pulses if p.dof == dof]
+    for dof in sorted({p.dof for p in pushes}):
+        own = [p for p in pushes if p.dof == dof]
         when: dict[str, list[tuple[float, float]]] = {}
         for p in own:
-            when.setdefault(ids[p.recording], []).append((p.start, p.start + p.duration))
+            when.setdefault(p.recording, []).append(p.span)
         sizes = np.array([abs(p.force) for p in own])
         joint = model.joint(int(model.dof_jntid[dof]))
         unit = "N m" if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE else "N"
@@ -138,7 +161,7 @@ def pulses_of(fit: Fit) -> list[Finding]:
                 where={"kind": "joint", "name": joint.name},
                 parameters={"f": Estimate(float(np.median(sizes)), unit, float(sizes.min()), float(sizes.max()))},
                 equation=ExternalPulse.equation,
-                confidence=1.0,
+                confidence=confidence,
                 rivals=[],
                 when=[span for spans in when.values() for span in spans] if len(when) == 1 else None,
                 when_by_recording=when,
