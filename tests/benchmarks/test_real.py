@@ -193,7 +193,7 @@ def test_recordings_are_what_the_documentation_says(case: str) -> None:
     times = np.asarray(string.t_state)
     assert (len(times), times[-1]) == (2330, pytest.approx(116.41, abs=0.01))
     assert np.ptp(np.asarray(motor.action)) > 30
-    logged = diagnosed("R1").diagnoses["acrobot"].recordings[0].table(DATA)
+    logged = diagnosed("G2").diagnoses["acrobot"].recordings[0].table(DATA)
     torques = [logged.column(f"tau_pert{j}") for j in (1, 2)]
     found = [pushes.true_windows(logged.column("time"), torque, 0.2) for torque in torques]
     assert [len(f) for f in found] == [2, 2]
