@@ -29,7 +29,9 @@ SUBSTEPS = 20
 
 @dataclass(frozen=True)
 class Decomposition:
-    """What the torques of motors do, each `[..., n]`, N m or N; their sum is `JointModel.inverse_dynamics`.
+    """What the torques of motors do, each `[..., n]`, N m or N.
+
+    Their sum is `JointModel.inverse_dynamics` where kinetic energy is quadratic in velocities: not in black boxes.
 
     Attributes:
         inertial: f(q, 0, a) - f(q, 0, 0), where f is the inverse dynamics.
@@ -144,10 +146,13 @@ class JointModel:
         torques = self._checked({"tau": tau}, dimensions=2)[0]
         if not (np.isfinite(timestep) and timestep > 0 and substeps >= 1 and hold in ("held", "linear")):
             raise InputError("timestep must be a positive number, substeps 1 or more, and hold 'held' or 'linear'.")
-        after = np.concatenate([torques[1:], torques[-1:]]) if hold == "linear" else torques
+        rest = (1 << (len(torques) - 1).bit_length()) - len(torques) + 1  # few lengths: few programs are compiled
+        torques = np.pad(torques, ((0, rest), (0, 0)), mode="edge")
+        ends = torques[:-1], torques[1:] if hold == "linear" else torques[:-1]
         with jax.enable_x64(True):
-            path = self._rollout(*state, torques[:-1], after[:-1], timestep, substeps)
-        return np.concatenate([state[0][None], path[0]]), np.concatenate([state[1][None], path[1]])
+            path = self._rollout(*state, *ends, timestep, substeps)
+        first = len(torques) - rest - 1
+        return tuple(np.concatenate([x[None], np.asarray(y)[:first]]) for x, y in zip(state, path, strict=True))
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -100,11 +100,22 @@ class Motions:
         Raises:
             InputError: if a name is unknown, or none is left.
         """
+        held = self.chosen(ids)
+        if len(held) == len(self):
+            raise InputError(f"{self.source}: all motions are held out; leave some to learn from.")
+        return self._chosen([id not in ids for id in self.ids]), held
+
+    def chosen(self, ids: Sequence[str]) -> "Motions":
+        """Those of these names.
+
+        Raises:
+            InputError: if a name is unknown, or there is none.
+        """
         if unknown := [id for id in ids if id not in self.ids]:
             raise InputError(f"{self.source} has no motion {unknown[0]!r}; it has {', '.join(self.ids)}.")
-        if set(ids) >= set(self.ids):
-            raise InputError(f"{self.source}: all motions are held out; leave some to learn from.")
-        return self._chosen([id not in ids for id in self.ids]), self._chosen([id in ids for id in self.ids])
+        if not ids:
+            raise InputError(f"{self.source}: no motion is named; it has {', '.join(self.ids)}.")
+        return self._chosen([id in ids for id in self.ids])
 
     def split(self, validation: float, seed: int) -> tuple["Motions", "Motions"]:
         """Divide into motions to learn from and those that say when to stop, at random; a single one is cut first.
