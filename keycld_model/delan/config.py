@@ -71,7 +71,9 @@ class JointConfig:
         if len(set(self.friction)) < len(self.friction):
             raise InputError(f"friction names an effect twice: {', '.join(self.friction)}; name each once.")
         if {"coulomb_friction", "stribeck_friction"} <= set(self.friction):
-            raise InputError("friction has Coulomb and Stribeck friction, which holds the former; leave one of them out.")
+            raise InputError(
+                "friction has Coulomb and Stribeck friction, which holds the former; leave one of them out."
+            )
         if self.friction and self.family == "feed_forward":
             raise InputError("A feed-forward network has no friction of its own; leave friction empty.")
         sizes = {len(getattr(self.scales, f.name)) for f in fields(Scales)} | {len(self.kinds)}

@@ -141,7 +141,9 @@ class Motions:
         q, tau = self.all("q"), self.all("tau")
         for j, name in enumerate(self.joints):
             if np.ptp(q[:, j]) < MOVES:
-                raise InputError(f"{self.source}: joint {name!r} stays at {q[0, j]:g}; leave it out, or record its motion.")
+                raise InputError(
+                    f"{self.source}: joint {name!r} stays at {q[0, j]:g}; leave it out, or record its motion."
+                )
         torque = tau.std(axis=0)
         if torque.max() < MOVES:
             raise InputError(f"{self.source}: the torques are constant; inertias need torques that vary.")

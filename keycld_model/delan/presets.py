@@ -29,7 +29,9 @@ class Preset:
 
 
 PRESETS: dict[str, Preset] = {
-    "structured": Preset("structured", "Deep Lagrangian Network: networks for the mass matrix's factor and the potential"),
+    "structured": Preset(
+        "structured", "Deep Lagrangian Network: networks for the mass matrix's factor and the potential"
+    ),
     "black_box": Preset("black_box", "one network for the Lagrangian"),
     "hamiltonian": Preset("hamiltonian", "Hamiltonian network: the inverse mass matrix's factor and the potential"),
     "feed_forward": Preset("feed_forward", "two networks, for torques and for accelerations, without mechanics"),

@@ -62,7 +62,9 @@ def _archive(path: Path, slides: Sequence[str], radians: bool) -> Motions:
     if missing := [name for name in ("qp", "tau") if name not in arrays]:
         what = {"qp": "positions", "tau": "torques"}[missing[0]]
         raise InputError(f"{path} has no {missing[0]}, the {what}; there are {', '.join(arrays)}.")
-    signals = {name: _numbers(path, name, arrays) for name in ("qp", "qv", "qa", "tau", "m", "c", "g") if name in arrays}
+    signals = {
+        name: _numbers(path, name, arrays) for name in ("qp", "qv", "qa", "tau", "m", "c", "g") if name in arrays
+    }
     number, n = signals["qp"].shape
     joints = tuple(f"joint_{j + 1}" for j in range(n))
     if unknown := [name for name in slides if name not in joints]:
@@ -96,7 +98,9 @@ def _archive(path: Path, slides: Sequence[str], radians: bool) -> Motions:
 def _numbers(path: Path, name: str, arrays: Mapping[str, NDArray]) -> Floats:
     array, shape = np.asarray(arrays[name]), np.asarray(arrays["qp"]).shape
     if array.dtype.kind not in "fiu" or array.ndim != 2 or array.shape != shape:
-        raise InputError(f"{path}: {name} is {array.dtype} of shape {list(array.shape)}; it must be numbers [N, n] as qp.")
+        raise InputError(
+            f"{path}: {name} is {array.dtype} of shape {list(array.shape)}; it must be numbers [N, n] as qp."
+        )
     if len(bad := np.flatnonzero(~np.isfinite(array).all(axis=1))):
         raise InputError(f"{path}: {name}[{bad[0]}] is not finite; leave the sample out.")
     return array.astype(np.float64)
@@ -206,7 +210,9 @@ def _smoothed(where: str, t: Floats, q: Floats, joints: Sequence[str]) -> Smooth
     thinned[1::2] = np.nan
     left = np.isfinite(q[1:-1:2])
     errors = np.where(left, smooth(t, thinned).q[1:-1:2] - np.nan_to_num(q[1:-1:2]), 0.0)
-    share = np.sqrt(np.sum(errors**2, axis=0) / np.maximum(left.sum(axis=0), 1)) / np.maximum(np.nanstd(q, axis=0), 1e-12)
+    share = np.sqrt(np.sum(errors**2, axis=0) / np.maximum(left.sum(axis=0), 1)) / np.maximum(
+        np.nanstd(q, axis=0), 1e-12
+    )
     moves = np.nanmax(q, axis=0) - np.nanmin(q, axis=0) > 1e-9
     if (bad := np.flatnonzero(moves & (share > COARSE))).size:
         rate = (len(t) - 1) / (t[-1] - t[0])
