@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+
 from tyro.conf import Positional, UseAppendAction
 
 from keycld_control.cli._output import print_result

@@ -77,8 +77,10 @@ def linear_parameters(config: JointConfig) -> list[tuple[str, str]]:
 
 
 def linear_columns(config: JointConfig, v: Array) -> Array:
-    """Torques `[n, k n]` per unit of the k parameters in which friction is linear, one joint after another; Stribeck
-    friction counts as Coulomb friction, its limit at higher speed."""
+    """Torques `[n, k n]` per unit of the k parameters in which friction is linear, one joint after another.
+
+    Stribeck friction counts as Coulomb friction, its limit at higher speed.
+    """
     one = {"b": v, "c": smooth_sign(v), "d": v * jnp.abs(v)}
     columns = [jnp.diag(one[name]) for _, name in linear_parameters(config)]
     return jnp.concatenate([*columns, jnp.zeros((config.n, 0), v.dtype)], axis=1)

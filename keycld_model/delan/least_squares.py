@@ -22,7 +22,7 @@ from keycld_model.delan.network import Parameters
 from keycld_model.numerics import solve_positive_definite
 
 LARGEST = 4
-"""Joints from which on the polynomials of one plane are taken: of four joints there are 1,330 of all, of one plane 140."""
+"""Joints from which on the polynomials of one plane are taken: of four joints there are 138, of all 1,330."""
 RANK = 1e-10
 """Singular values below this share of the largest belong to combinations that the recordings do not move."""
 LEAST = 1e-12
@@ -91,7 +91,10 @@ def fit_least_squares(config: JointConfig, q: Array, v: Array, a: Array, tau: Ar
 
     Args:
         config: of the family "least_squares".
-        q, v, a, tau: `[N, n]` samples.
+        q: `[N, n]` positions.
+        v: `[N, n]` velocities.
+        a: `[N, n]` accelerations.
+        tau: `[N, n]` torques.
         weights: `[N, n]`, one over the standard deviation of each torque's error.
 
     Returns:

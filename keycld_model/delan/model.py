@@ -165,7 +165,7 @@ class JointModel:
 
     @cached_property
     def _compiled(self) -> dict[str, tuple[Callable[..., Array], Callable[..., Array]]]:
-        """Each function for one sample, and for many; the arguments are one array `[k, n]`, which is handed over once."""
+        """Each function for one sample, and for many; its arguments come in one array `[k, n]`."""
         dynamics, p = self._dynamics, self.parameters
         with jax.enable_x64(True):
             p = jax.tree.map(jnp.asarray, p)

@@ -1,4 +1,4 @@
-"""What joint models learn from: positions, velocities, accelerations and torques of joints, one motion after another."""
+"""What joint models learn from: positions, velocities, accelerations and torques, one motion after another."""
 
 import hashlib
 from collections.abc import Sequence

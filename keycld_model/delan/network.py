@@ -1,6 +1,7 @@
 """Small networks of joint positions, as functions of nested dictionaries of weights."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import jax.numpy as jnp
@@ -22,7 +23,7 @@ def initial_network(rng: np.random.Generator, sizes: Sequence[int]) -> Parameter
         sizes: of the input, each hidden layer, and the output.
     """
     layers: Parameters = {}
-    for i, (inputs, outputs) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+    for i, (inputs, outputs) in enumerate(pairwise(sizes)):
         factor = LAST if i == len(sizes) - 2 else 1.0
         kernel = factor * rng.standard_normal((inputs, outputs)) / np.sqrt(inputs)
         layers[f"layer_{i}"] = {"kernel": kernel, "bias": np.zeros(outputs)}

@@ -9,7 +9,7 @@ from keycld_model.delan.config import JointConfig
 from keycld_model.delan.network import Parameters, encode, encoding_size, hidden_sizes, initial_network, network
 
 SHIFT, LEAST = 1.0, 0.01
-"""The diagonal of a factor is softplus(network + SHIFT) + LEAST, in units of its scale: positive, and first near one."""
+"""A factor's diagonal is softplus(network + SHIFT) + LEAST, in units of its scale: positive, and first near one."""
 
 
 class FactorNetwork:

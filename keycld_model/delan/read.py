@@ -19,8 +19,8 @@ Floats = NDArray[np.float64]
 SHORTEST = 16
 """Samples that a motion must have at least where velocities or accelerations are estimated."""
 COARSE = 0.1
-"""Largest error, as a share of a joint's standard deviation, with which a spline through every second sample may predict
-the others: beyond, the motion between samples, and so the acceleration, is a guess. Of a sine it means seven samples."""
+"""Largest error, as a share of a joint's standard deviation, with which every second sample may predict the others:
+beyond, the motion between samples, and so the acceleration, is a guess."""
 DEGREES = (180 / np.pi / 1.25, 180 / np.pi * 1.25)
 """Ratio of differentiated to measured velocities at which one of both is in degrees."""
 MOST_TURNS = 4 * np.pi
@@ -33,8 +33,8 @@ def read_motions(path: str | os.PathLike[str], slides: Sequence[str] = (), radia
     """Read motions of joints.
 
     Args:
-        path: an .npz archive with `qp`, `tau`, and any of `t`, `qv`, `qa`, all `[N, n]` but the clock, with `labels` and
-            `lengths` of the motions one after another, and true parts `m`, `c`, `g` of the torques; a folder of
+        path: an .npz archive with `qp`, `tau`, and any of `t`, `qv`, `qa`, all `[N, n]` but the clock, with `labels`
+            and `lengths` of the motions one after another, and true parts `m`, `c`, `g` of the torques; a folder of
             recordings; or one recording.
         slides: names of joints that slide, for archives, which call joints joint_1, joint_2 and so on.
         radians: positions of an archive are in radians, although they may as well be degrees.
@@ -210,15 +210,14 @@ def _smoothed(where: str, t: Floats, q: Floats, joints: Sequence[str]) -> Smooth
     thinned[1::2] = np.nan
     left = np.isfinite(q[1:-1:2])
     errors = np.where(left, smooth(t, thinned).q[1:-1:2] - np.nan_to_num(q[1:-1:2]), 0.0)
-    share = np.sqrt(np.sum(errors**2, axis=0) / np.maximum(left.sum(axis=0), 1)) / np.maximum(
-        np.nanstd(q, axis=0), 1e-12
-    )
+    rms = np.sqrt(np.sum(errors**2, axis=0) / np.maximum(left.sum(axis=0), 1))
+    share = rms / np.maximum(np.nanstd(q, axis=0), 1e-12)
     moves = np.nanmax(q, axis=0) - np.nanmin(q, axis=0) > 1e-9
     if (bad := np.flatnonzero(moves & (share > COARSE))).size:
         rate = (len(t) - 1) / (t[-1] - t[0])
         raise InputError(
-            f"{where}: {rate:.3g} samples/s are too few, or positions too noisy, for accelerations of joint "
-            f"{joints[bad[0]]!r} (every second sample predicts the others with an error of {share[bad[0]]:.0%}); record "
+            f"{where}: {rate:.3g} samples/s are too few, or too noisy, for accelerations of joint "
+            f"{joints[bad[0]]!r} (every second one predicts the others with an error of {share[bad[0]]:.0%}); record "
             "faster."
         )
     return smooth(t, q)

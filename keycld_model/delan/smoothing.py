@@ -1,9 +1,10 @@
 """Velocities and accelerations from measured positions, with their uncertainty.
 
-A joint's position is taken for an integrated random walk, its fourth derivative for white noise, and measurements for the
-position with white noise: the posterior mean is a smoothing spline (Wahba, 1978), which a Kalman filter and a
-Rauch-Tung-Striebel smoother give in linear time on any clock (Kohn and Ansley, 1987). The ratio of both noises maximises
-the likelihood, so that nothing is tuned by hand, and each velocity and acceleration has its own standard deviation.
+A joint's position is taken for an integrated random walk, its fourth derivative for white noise, and measurements for
+the position with white noise: the posterior mean is a smoothing spline (Wahba, 1978), which a Kalman filter and a
+Rauch-Tung-Striebel smoother give in linear time on any clock (Kohn and Ansley, 1987). The ratio of both noises
+maximises the likelihood, so that nothing is tuned by hand, and each velocity and acceleration has its own standard
+deviation.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from scipy.special import factorial
 Floats = NDArray[np.float64]
 ORDER = 4
 """Derivatives that are followed, the position among them; the next one is white noise."""
-VAGUE = 1e6
+VAGUE = 1e5
 """Prior standard deviation of position, velocity and acceleration at the start, in units of the scaled signal."""
 SHORTEST = 64
 """Samples to which shorter recordings are padded."""
@@ -121,16 +122,18 @@ def _filter(log_ratio: Array, gaps: Array, y: Array, good: Array) -> tuple[Array
 
 @jax.jit
 def _smoother(log_ratio: Array, gaps: Array, y: Array, good: Array) -> tuple[Array, Array, Array]:
-    """Posterior means `[T, ORDER]`, variances `[T, ORDER, ORDER]` in units of the noise's variance, and that variance."""
+    """Posterior means `[T, ORDER]`, variances `[T, ORDER, ORDER]` over the noise's variance, and that variance."""
     _, means, variances, before, before_variances, scale = _filter(log_ratio, gaps, y, good)
 
     def back(state: tuple[Array, Array], sample: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         mean, variance, gap, next_mean, next_variance = sample
-        move, _ = _step(gap, jnp.exp(log_ratio))
+        move, noise = _step(gap, jnp.exp(log_ratio))
         size = jnp.sqrt(jnp.diagonal(next_variance))
         gain = jnp.linalg.solve(next_variance / jnp.outer(size, size), (move @ variance) / size[:, None])
         gain = (gain / size[:, None]).T
-        out = mean + gain @ (state[0] - next_mean), variance + gain @ (state[1] - next_variance) @ gain.T
+        rest = jnp.eye(ORDER) - gain @ move  # in this form, rounding cannot make variances negative
+        spread = rest @ variance @ rest.T + gain @ (state[1] + noise) @ gain.T
+        out = mean + gain @ (state[0] - next_mean), spread
         return out, out
 
     last = means[-1], variances[-1]

@@ -2,16 +2,15 @@
 
 import time
 
-import numpy as np
-
 from keycld_model.delan.model import JointModel
 from keycld_model.delan.motions import Motions
 
-CALLS, PASSES = 2000, 5
+CALLS, PASSES = 1000, 15
+"""The fastest of some passes: whatever else a machine does makes others slower, and none faster."""
 
 
 def inverse_dynamics_per_second(model: JointModel, motions: Motions) -> float:
-    """Calls of `JointModel.inverse_dynamics` per second, one sample at a time, each waited for; the median of passes."""
+    """Calls of `JointModel.inverse_dynamics` per second, one sample at a time, each waited for; the fastest pass."""
     q, v, a = (motions.all(name) for name in ("q", "v", "a"))
     model.inverse_dynamics(q[0], v[0], a[0])
     rates = []
@@ -21,4 +20,4 @@ def inverse_dynamics_per_second(model: JointModel, motions: Motions) -> float:
             k = i % len(q)
             model.inverse_dynamics(q[k], v[k], a[k])
         rates.append(CALLS / (time.perf_counter() - started))
-    return float(np.median(rates))
+    return max(rates)

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
+from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.files import one_writer
@@ -23,7 +24,7 @@ from keycld_model.delan.levenberg_marquardt import LeastSquaresProblem, Point, s
 from keycld_model.delan.model import JointModel
 from keycld_model.delan.motions import Floats, Motions
 from keycld_model.delan.presets import PRESETS, Preset
-from keycld_model.delan.weights import torque_weights
+from keycld_model.delan.weights import repeated, torque_weights
 from keycld_model.training import log
 
 STATE = "state"
@@ -67,7 +68,7 @@ def train(
     """Train a joint model; a run that was interrupted continues where it stopped, with the same result.
 
     Where velocities or accelerations were estimated, their uncertainty becomes one of torques by a first model, and a
-    second fit weighs torques by it.
+    second fit weighs torques by it; networks' weights are held by a prior, see `levenberg_marquardt`.
 
     Args:
         motions: to learn from; some of them, drawn by the seed, only say when to stop.
@@ -120,14 +121,19 @@ class _State:
     def numbers(self) -> dict[str, Any]:
         """What is no array, for JSON, which has no infinity."""
         out = {n: getattr(self, n) for n in ("round", "iteration", "error", "waited", "seconds", "finished")}
-        out |= {"damping": self.point.damping, "cost": self.point.cost, "stuck": self.point.stuck}
+        out |= {
+            "damping": self.point.damping,
+            "prior": self.point.prior,
+            "cost": self.point.cost,
+            "stuck": self.point.stuck,
+        }
         return {name: None if value == float("inf") else value for name, value in out.items()}
 
     @classmethod
     def of(cls, tensors: dict[str, Any], numbers: dict[str, Any]) -> "_State":
         """What was saved."""
         n = {name: float("inf") if value is None else value for name, value in numbers.items()}
-        point = Point(tensors["w"], n.pop("damping"), n.pop("cost"), n.pop("stuck"))
+        point = Point(tensors["w"], n.pop("damping"), n.pop("prior"), n.pop("cost"), n.pop("stuck"))
         return cls(point, tensors["best"], tensors["anchor"], **n)
 
 
@@ -212,7 +218,12 @@ class _Run:
                 state.best, state.error = state.point.w, error
             state.seconds += time.perf_counter() - started
             entry = {"step": state.round * self.preset.iterations + state.iteration, "round": state.round}
-            entry |= {"loss": state.point.cost, "validation_error": error, "damping": state.point.damping}
+            entry |= {
+                "loss": state.point.cost,
+                "validation_error": error,
+                "damping": state.point.damping,
+                "prior": state.point.prior,
+            }
             log.append(self.folder, entry | {"seconds": round(state.seconds, 2)})
             advance(1, f"validation error {error:.3g}")
             if state.point.stuck or error < ENOUGH:
@@ -227,10 +238,21 @@ class _Run:
         signals = [motions.all(name) for name in names]
         keep = np.unique(np.linspace(0, len(signals[0]) - 1, self.preset.samples).astype(int))
         q, v, a, tau, v_std, a_std = (signal[keep] for signal in signals)
-        weights = np.broadcast_to(1 / np.array(self.config.scales.torque), q.shape)
+        samples, std = (q, v, a, tau), (v_std, a_std)
+        weights, repeats = np.broadcast_to(1 / np.array(self.config.scales.torque), q.shape), 1.0
         if state.round:
-            weights = torque_weights(self.dynamics, self._parameters(state.anchor), (q, v, a, tau), (v_std, a_std))
-        return LeastSquaresProblem(self._errors(), (q, v, a, tau, np.array(weights)))
+            anchor = self._parameters(state.anchor)
+            weights = torque_weights(self.dynamics, anchor, samples, std)
+            repeats = repeated(self.dynamics, anchor, samples)
+        held = self._networks() & a_std.any()
+        return LeastSquaresProblem(self._errors(), (*samples, np.array(weights)), held, repeats)
+
+    def _networks(self) -> NDArray[np.bool_]:
+        """Which weights are of networks, not of friction."""
+        first = self.dynamics.initial(self.seed)
+        parts = {name: jax.tree.map(lambda x: np.ones(np.shape(x)), tree) for name, tree in first.items()}
+        parts["friction"] = jax.tree.map(np.zeros_like, parts["friction"])
+        return np.concatenate([np.ravel(x) for x in jax.tree.leaves(parts)]) > 0
 
     def _errors(self) -> Callable[..., jax.Array]:
         def errors(w: jax.Array, q: jax.Array, v: jax.Array, a: jax.Array, tau: jax.Array, weight: jax.Array) -> Any:

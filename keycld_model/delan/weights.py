@@ -37,3 +37,26 @@ def torque_weights(
     rest = np.maximum(np.mean((np.asarray(torque) - tau) ** 2, axis=0) - mean, FLOOR * mean)
     relative = np.sqrt((rest + mean) / (rest + propagated))
     return relative / np.array(dynamics.config.scales.torque)
+
+
+def repeated(dynamics: JointDynamics, p: Parameters, samples: tuple[Floats, ...]) -> float:
+    """How many neighbouring torques have the same error, mean of the joints.
+
+    One plus twice the sum of the errors' autocorrelations, up to the first that is not positive (Geyer, 1992).
+    """
+    q, v, a, tau = samples
+    with jax.enable_x64(True):
+        p = jax.tree.map(jnp.asarray, p)
+        torque = jax.jit(jax.vmap(lambda q, v, a: dynamics.inverse_dynamics(p, q, v, a)))(q, v, a)
+    return float(np.mean([_correlation_time(error) for error in (np.asarray(torque) - tau).T]))
+
+
+def _correlation_time(error: Floats) -> float:
+    error = error - error.mean()
+    power = np.abs(np.fft.rfft(error, 2 * len(error))) ** 2
+    correlation = np.fft.irfft(power)[: len(error)]
+    if correlation[0] == 0:
+        return 1.0
+    correlation = correlation / correlation[0]
+    end = int(np.argmax(correlation <= 0)) or len(correlation)
+    return float(1 + 2 * np.sum(correlation[1:end]))
