@@ -97,9 +97,10 @@ class JointConfig:
             InputError: if a field is missing, unknown or of another kind.
         """
         try:
-            named = {f.name: data[f.name] for f in fields(cls)}
+            named: dict[str, Any] = {f.name: data[f.name] for f in fields(cls)}
             scales = {f.name: tuple(float(x) for x in named["scales"][f.name]) for f in fields(Scales)}
             named |= {name: tuple(named[name]) for name in ("joints", "kinds", "friction")}
-            return cls(**(named | {"scales": Scales(**scales)}))
+            named["scales"] = Scales(**scales)
+            return cls(**named)
         except (LookupError, TypeError, ValueError) as error:
             raise InputError(f"The configuration of a joint model is damaged: {error}") from error

@@ -25,13 +25,13 @@ class FeedForward(Equations):
         """Torques `[n]`."""
         scales = self.config.scales
         x = jnp.concatenate([encode(self.config, q), v / np.array(scales.velocity), a / np.array(scales.acceleration)])
-        return np.array(scales.torque) * network(p["inverse"], x)
+        return jnp.array(scales.torque) * network(p["inverse"], x)
 
     def forward_dynamics(self, p: Parameters, q: Array, v: Array, tau: Array) -> Array:
         """Accelerations `[n]`."""
         scales = self.config.scales
         x = jnp.concatenate([encode(self.config, q), v / np.array(scales.velocity), tau / np.array(scales.torque)])
-        return np.array(scales.acceleration) * network(p["forward"], x)
+        return jnp.array(scales.acceleration) * network(p["forward"], x)
 
     def prediction_errors(self, p: Parameters, q: Array, v: Array, a: Array, tau: Array, friction: Array) -> Array:
         """Errors of the torques `[n]`, and of the accelerations `[n]` in the same scale."""

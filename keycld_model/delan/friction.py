@@ -1,11 +1,12 @@
 """Friction at every joint, by the equations of the effects in `keycld_envs.effects`."""
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from keycld_envs.effects import EFFECTS, Effect
-from keycld_envs.effects.functions import smooth_sign
+from keycld_envs.effects import EFFECTS, Effect, functions
 from keycld_model.delan.config import JointConfig
 from keycld_model.delan.network import Parameters
 
@@ -14,6 +15,11 @@ START = 0.02
 FADING = 0.2
 """Share of the usual speed at which Stribeck friction begins with having faded; a search of the diagnosis tries .08
 and .3."""
+
+
+def _sign(v: Any) -> Array:
+    """The effects' sign of velocities, continuous through zero."""
+    return functions.smooth_sign(v)  # type: ignore[return-value]  # JAX's for arrays of JAX
 
 
 def initial_friction(config: JointConfig) -> Parameters:
@@ -42,11 +48,11 @@ def _viscous(value: dict[str, Array], v: Array) -> Array:
 
 
 def _coulomb(value: dict[str, Array], v: Array) -> Array:
-    return value["c"] * smooth_sign(v)
+    return value["c"] * _sign(v)
 
 
 def _stribeck(value: dict[str, Array], v: Array) -> Array:
-    return (value["c"] + value["extra"] * jnp.exp(-((v / value["vs"]) ** 2))) * smooth_sign(v)
+    return (value["c"] + value["extra"] * jnp.exp(-((v / value["vs"]) ** 2))) * _sign(v)
 
 
 def _quadratic(value: dict[str, Array], v: Array) -> Array:
@@ -81,6 +87,6 @@ def linear_columns(config: JointConfig, v: Array) -> Array:
 
     Stribeck friction counts as Coulomb friction, its limit at higher speed.
     """
-    one = {"b": v, "c": smooth_sign(v), "d": v * jnp.abs(v)}
+    one = {"b": v, "c": _sign(v), "d": v * jnp.abs(v)}
     columns = [jnp.diag(one[name]) for _, name in linear_parameters(config)]
     return jnp.concatenate([*columns, jnp.zeros((config.n, 0), v.dtype)], axis=1)

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_model.delan.config import JointConfig
@@ -21,6 +22,7 @@ from keycld_model.delan.friction import initial_friction, linear_columns, linear
 from keycld_model.delan.network import Parameters
 from keycld_model.numerics import solve_positive_definite
 
+Floats = NDArray[np.float64]
 LARGEST = 4
 """Joints from which on the polynomials of one plane are taken: of four joints there are 138, of all 1,330."""
 RANK = 1e-10
@@ -86,7 +88,7 @@ class LeastSquares(Lagrangian):
         return jnp.concatenate([(rate - jax.jacfwd(self.terms, 0)(q, v)).T, linear_columns(self.config, v)], axis=1)
 
 
-def fit_least_squares(config: JointConfig, q: Array, v: Array, a: Array, tau: Array, weights: Array) -> Parameters:
+def fit_least_squares(config: JointConfig, q: Floats, v: Floats, a: Floats, tau: Floats, weights: Floats) -> Parameters:
     """Coefficients of least norm that explain torques best.
 
     Args:
@@ -104,8 +106,8 @@ def fit_least_squares(config: JointConfig, q: Array, v: Array, a: Array, tau: Ar
         InputError: if there are fewer torques than coefficients.
     """
     family = LeastSquares(config)
-    rows = jax.jit(jax.vmap(family.regressor))(q, v, a) * weights[..., None]
-    matrix, target = np.asarray(rows).reshape(-1, rows.shape[-1]), np.asarray(tau * weights).ravel()
+    rows = np.asarray(jax.jit(jax.vmap(family.regressor))(q, v, a)) * weights[..., None]
+    matrix, target = rows.reshape(-1, rows.shape[-1]), (tau * weights).ravel()
     if len(matrix) < matrix.shape[1]:
         raise InputError(
             f"{len(matrix)} torques cannot tell the {matrix.shape[1]} coefficients of the least-squares baseline; "

@@ -15,11 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.blas import dsyrk
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg import cho_factor, cho_solve, get_blas_funcs, get_lapack_funcs
 
 Floats = NDArray[np.float64]
+(dsyrk,) = get_blas_funcs(("syrk",), dtype=np.float64)
+dpotrf, dpotri = get_lapack_funcs(("potrf", "potri"), dtype=np.float64)
 CHUNK = 512
 """Samples whose Jacobian is in memory at once."""
 FACTOR = 4.0

@@ -152,7 +152,10 @@ class JointModel:
         with jax.enable_x64(True):
             path = self._rollout(*state, *ends, timestep, substeps)
         first = len(torques) - rest - 1
-        return tuple(np.concatenate([x[None], np.asarray(y)[:first]]) for x, y in zip(state, path, strict=True))
+        positions, velocities = (
+            np.concatenate([x[None], np.asarray(y)[:first]]) for x, y in zip(state, path, strict=True)
+        )
+        return positions, velocities
 
     @property
     def effects(self) -> tuple[Effect, ...]:

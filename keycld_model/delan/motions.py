@@ -44,7 +44,7 @@ class Motion:
     a_std: Floats
     truth: dict[str, Floats] = field(default_factory=dict)
 
-    def part(self, piece: slice, id: str) -> "Motion":
+    def part(self, piece: slice | NDArray[np.intp], id: str) -> "Motion":
         """Some of its samples."""
         names = ("t", "q", "v", "a", "tau", "v_std", "a_std")
         arrays = {name: getattr(self, name)[piece] for name in names}

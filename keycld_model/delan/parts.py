@@ -33,7 +33,7 @@ class FactorNetwork:
         out = network(layers, encode(self.config, q))
         out = jnp.where(self.rows == self.columns, jax.nn.softplus(out + SHIFT) + LEAST, out)
         lower = jnp.zeros((self.config.n, self.config.n), out.dtype).at[self.rows, self.columns].set(out)
-        return self.root[:, None] * lower
+        return jnp.asarray(self.root)[:, None] * lower
 
 
 class PotentialNetwork:

@@ -126,9 +126,8 @@ def motions_of(source: str, recordings: Sequence[Recording]) -> Motions:
         v = None if recording.qvel is None or np.isnan(recording.qvel[keep]).any() else recording.qvel[keep]
         tau = _torques(where, recording, t)
         motion = _motion(where, recording.id, t, q, v, None, tau, joints, {})
-        measured = np.isfinite(q).all(axis=1)
-        motions.append(motion.part(measured, recording.id))
-    kinds = tuple(_kind(first, j) for j in range(len(joints)))
+        motions.append(motion.part(np.flatnonzero(np.isfinite(q).all(axis=1)), recording.id))
+    kinds: tuple[Kind, ...] = tuple(_kind(first, j) for j in range(len(joints)))
     _check_degrees(source, joints, kinds, motions)
     return Motions(source, joints, kinds, tuple(motions))
 
@@ -159,7 +158,7 @@ def _torques(where: str, recording: Recording, t: Floats) -> Floats:
     tau = np.zeros((len(t), len(joints)))
     later = np.flatnonzero(np.diff(edges) > 0)
     means = recording.mean_actions(np.append(edges[later], edges[-1]))
-    tau[np.ix_(later, columns)] = means * factors
+    tau[later[:, None], columns] = means * factors
     tau[: later[0]] = tau[later[0]]
     return tau
 

@@ -7,7 +7,9 @@ maximises the likelihood, so that nothing is tuned by hand, and each velocity an
 deviation.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -73,16 +75,20 @@ def _smooth_one(t: Floats, q: Floats) -> tuple[Floats, Floats, float]:
     y = np.pad(np.where(good, (q - centre) / size, 0.0), (0, rest))
     good = np.pad(good, (0, rest))
     with jax.enable_x64(True):
-        search = minimize_scalar(
-            lambda log_ratio: float(_filter(log_ratio, gaps, y, good)[0]), bounds=RANGE, method="bounded"
-        )
-        mean, variance, scale = map(np.asarray, _smoother(search.x, gaps, y, good))
+        best = _least(lambda log_ratio: float(_filter(log_ratio, gaps, y, good)[0]))
+        mean, variance, scale = map(np.asarray, _smoother(best, gaps, y, good))
     mean, variance = mean[: len(t)], variance[: len(t)]
     units = size / unit ** np.arange(ORDER)
     std = np.sqrt(np.maximum(np.diagonal(variance, axis1=1, axis2=2) * scale, 0.0)) * units
     mean = mean * units
     mean[:, 0] += centre
-    return mean, std, float(np.sqrt(scale)) * size
+    return np.asarray(mean, np.float64), np.asarray(std, np.float64), float(np.sqrt(scale)) * size
+
+
+def _least(loss: Callable[[float], float]) -> float:
+    """Where a loss is least in `RANGE`."""
+    found: Any = minimize_scalar(loss, bounds=RANGE, method="bounded")
+    return float(found.x)
 
 
 def _step(gap: Array, ratio: Array) -> tuple[Array, Array]:

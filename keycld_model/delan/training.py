@@ -132,7 +132,7 @@ class _State:
     @classmethod
     def of(cls, tensors: dict[str, Any], numbers: dict[str, Any]) -> "_State":
         """What was saved."""
-        n = {name: float("inf") if value is None else value for name, value in numbers.items()}
+        n: dict[str, Any] = {name: float("inf") if value is None else value for name, value in numbers.items()}
         point = Point(tensors["w"], n.pop("damping"), n.pop("prior"), n.pop("cost"), n.pop("stuck"))
         return cls(point, tensors["best"], tensors["anchor"], **n)
 

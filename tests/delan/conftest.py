@@ -1,6 +1,7 @@
 """Motions of a pendulum with friction, and of the arm of the characters, by formula."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def letters(tmp_path: Path) -> Path:
         q, v, a = waves(np.random.default_rng(i), t, 2)
         parts = arm(q, v, a)
         signals.append({"t": t, "qp": q, "qv": v, "qa": a, "tau": sum(parts.values()), **parts})
-    arrays = {name: np.concatenate([s[name] for s in signals]) for name in signals[0]}
+    arrays: dict[str, Any] = {name: np.concatenate([s[name] for s in signals]) for name in signals[0]}
     path = tmp_path / "letters.npz"
     np.savez(path, labels=np.array(list("abcdef")), lengths=np.full(6, 60), **arrays)
     return path
@@ -50,7 +51,7 @@ def pendulum(tmp_path: Path) -> Path:
         q, v, a = waves(np.random.default_rng(i), t, 1, 1.2)
         tau = INERTIA * a + WEIGHT * np.sin(q) + B * v + C * np.tanh(v / 0.02)
         signals.append({"t": t, "qp": q, "qv": v, "qa": a, "tau": tau})
-    arrays = {name: np.concatenate([s[name] for s in signals]) for name in signals[0]}
+    arrays: dict[str, Any] = {name: np.concatenate([s[name] for s in signals]) for name in signals[0]}
     path = tmp_path / "pendulum.npz"
     np.savez(path, labels=np.array(list("abcde")), lengths=np.full(5, 120), **arrays)
     return path
