@@ -74,6 +74,8 @@ class Criteria:
         pulse_windows: windows with the gain of a pulse that are no coincidence; of 75 null cases none had two.
         pulse_share: share of the windows that pulses may be in; where there are more, it is something else.
         false_push: chance that pushes are found in a comparison with a baseline in which nobody pushes.
+        clear_push: times that a push must stand out, over the most that chance does, for pushes to be named; where none
+            does so but one stands out, as where runs of the baseline are each excited in their own way, it is doubtful.
         pushed: share of the time in which there may be such pushes; where there are more, it is something else.
         idealised_share: share of the misfit that idealised forms leave, and flexible ones may mend: what pulses may
             leave, and what a residual force must gain beside named effects.
@@ -114,6 +116,7 @@ class Criteria:
     pulse_windows: int = 2
     pulse_share: float = 0.7
     false_push: float = 0.02
+    clear_push: float = 2.0
     pushed: float = 0.3
     idealised_share: float = 0.02
     residual_force: float = 15.0

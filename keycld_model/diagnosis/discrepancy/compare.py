@@ -49,6 +49,7 @@ class Comparison:
         contest: in which changes were tested.
         chance: nats that each candidate gains between runs of the baseline, by effect and place.
         pushes: in new recordings.
+        faint: what most looks like a push, if anything does.
     """
 
     motion: Motion
@@ -62,6 +63,7 @@ class Comparison:
     contest: Contest
     chance: Mapping[Key, float]
     pushes: Sequence[Push]
+    faint: Push | None
 
     @property
     def right(self) -> float:
@@ -105,6 +107,9 @@ def compare(
     looked = _Looked(motion, terms, columns, found, discrepancy, len(baseline), within, criteria)
     pushes = _looking(motion, terms, found, discrepancy, len(baseline), criteria)
     given = pushes.found(()) if pushes else []
+    faint = given[0] if given else None  # the one that stands out most
+    if faint and faint.times < criteria.clear_push:
+        given = []
     selection, changes, next_best, inconsistent = looked.beside(given, advance)
     if pushes and given and changes:  # which may be what seemed to be pushes
         again = pushes.found([c.effect for c in changes])
@@ -116,7 +121,7 @@ def compare(
     advance(10)
     left = selection.discrepancy
     return Comparison(
-        motion, terms, common, changes, next_best, inconsistent, beyond, left, contest, selection.chance, given
+        motion, terms, common, changes, next_best, inconsistent, beyond, left, contest, selection.chance, given, faint
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from keycld_envs.effects import ConstantForce, CoulombFriction, Effect, ViscousFriction
+from keycld_envs.effects import ConstantForce, CoulombFriction, Effect, ExternalPulse, ViscousFriction
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.compare import Comparison
 from keycld_model.diagnosis.discrepancy.detectable import found_from
@@ -68,9 +68,14 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
 def _perhaps(found: Comparison, criteria: Criteria) -> str | None:
     """What may have changed where too little speaks for it, in words; None if nothing does."""
     best = found.next_best
-    if found.changes or found.pushes or found.inconsistent or best is None or best.times < criteria.perhaps_changed:
+    if found.changes or found.pushes or found.inconsistent:
         return None
-    return f"{in_sentence(best.effect.id)} at {best.effect.where}"
+    if best is not None and best.times >= criteria.perhaps_changed:
+        return f"{in_sentence(best.effect.id)} at {best.effect.where}"
+    if found.faint is None:
+        return None
+    model = found.motion.model
+    return f"{in_sentence(ExternalPulse.id)} at {model.joint(int(model.dof_jntid[found.faint.dof])).name}"
 
 
 def _friction_found(found: Comparison, model: mujoco.MjModel, criteria: Criteria) -> dict[str, str]:

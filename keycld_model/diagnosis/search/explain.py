@@ -91,7 +91,8 @@ def explain_either(accurate: Fit, own: Fit, refined: Refined, budget: Budget) ->
         refined: called with every set that was refined; raises OutOfTime when there is no time for more.
         budget: of seconds.
     """
-    first, second = (own, accurate) if own.excess < 0.5 * accurate.excess else (accurate, own)
+    better = accurate.excess > 0 and own.excess < 0.5 * accurate.excess  # else an accurate one leaves but noise
+    first, second = (own, accurate) if better else (accurate, own)
     explained = explain(first, refined)
     best = explained.best.fit
     if best.point.variant.pulses or budget.leaves_out("the other integrator"):
