@@ -19,12 +19,15 @@ from keycld_envs.effects import (
     SensorLatency,
     ViscousFriction,
 )
+from keycld_envs.systems import get_system
 from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.pulses import contaminated
 from keycld_model.diagnosis.search.alternatives import everywhere_rivals, rivals_of
+from keycld_model.diagnosis.search.budget import Budget
 from keycld_model.diagnosis.search.criterion import Scored
+from keycld_model.diagnosis.search.explain import explain_either
 from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
@@ -132,3 +135,15 @@ def test_no_delay_of_motors_stands_in_for_sensors_that_are_ahead():
     everywhere_rivals(search, best)
     delays = [e for s in search.found.values() for e in s.fit.effects if isinstance(e, ActuatorDelay)]
     assert all(e.d >= 0 for e in delays)
+
+
+def test_where_both_integrators_leave_but_noise_the_accurate_one_is_taken():
+    """With the model's own, an actuator lag makes up for steps that are too long; noise is taken for thrice its size."""
+    model, runs = get_system("pendulum").compile(), recordings("pendulum", 3, number=3, seconds=2.0)
+    accurate, own = (
+        minimise(problem, problem.start())
+        for problem in (problem_of(simulator, runs, 3e-3) for simulator in (Simulator(model, 0.01), Simulator(model)))
+    )
+    assert own.excess < 0 and accurate.excess < 0 and own.problem.simulator.own_integrator
+    explained = explain_either(accurate, own, lambda scored: None, Budget())
+    assert not explained.refitted.problem.simulator.own_integrator and not explained.best.fit.effects
