@@ -138,7 +138,7 @@ def test_no_delay_of_motors_stands_in_for_sensors_that_are_ahead():
 
 
 def test_where_both_integrators_leave_but_noise_the_accurate_one_is_taken():
-    """With the model's own, an actuator lag makes up for steps that are too long; noise is taken for thrice its size."""
+    """With the model's own, a lag makes up for steps that are too long; noise is taken for thrice its size."""
     model, runs = get_system("pendulum").compile(), recordings("pendulum", 3, number=3, seconds=2.0)
     accurate, own = (
         minimise(problem, problem.start())
