@@ -3,7 +3,8 @@
 from importlib.metadata import version
 
 from keycld_model.config import ModelConfig, NetworkConfig
+from keycld_model.delan.model import JointModel
 from keycld_model.world_model import Prediction, WorldModel
 
-__all__ = ["ModelConfig", "NetworkConfig", "Prediction", "WorldModel"]
+__all__ = ["JointModel", "ModelConfig", "NetworkConfig", "Prediction", "WorldModel"]
 __version__ = version("keycld")

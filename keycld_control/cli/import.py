@@ -2,14 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tyro.conf import Positional, UseAppendAction
 
 from keycld_control.cli._output import print_result
-
-if TYPE_CHECKING:
-    from keycld_envs.recordings.importers import Table
 
 
 @dataclass(frozen=True)
@@ -62,9 +58,9 @@ def run(args: Args) -> None:
     from keycld_control.cli._pairs import pairs
     from keycld_envs import resolve_env_id
     from keycld_envs.recordings import write_recording
-    from keycld_envs.recordings.importers import Columns, assemble
+    from keycld_envs.recordings.importers import Columns, assemble, read_log
 
-    table, known = _read(args)
+    table, known = read_log(args.file, args.columns or None, drop_truncated_end=args.drop_truncated_end)
     columns = Columns(
         args.time,
         pairs("--joint", args.joint),
@@ -87,17 +83,3 @@ def run(args: Args) -> None:
         "actuators": recording.actuator_names,
     }
     print_result(result, as_json=args.json)
-
-
-def _read(args: Args) -> tuple["Table", dict[str, str]]:
-    """The table of a file, and what units it tells of itself."""
-    from keycld_envs.recordings.importers import is_epos, read_csv, read_epos, read_json_log, read_mat
-
-    suffix = args.file.suffix.lower()
-    if suffix == ".mat":
-        return read_mat(args.file), {}
-    if suffix in (".json", ".jsonl"):
-        return read_json_log(args.file), {}
-    if is_epos(args.file):
-        return read_epos(args.file)
-    return read_csv(args.file, args.columns or None, drop_truncated_end=args.drop_truncated_end), {}

@@ -36,6 +36,7 @@ from keycld_control.paper.tables import (
 from keycld_envs.files import atomic_file
 from keycld_envs.templates import templates
 
+TITLE = "KeyCLD: the paper anew"
 COLOURS = ("#1f6f9f", "#d08a1d", "#5b8a3a", "#b23a48", "#7b5aa6", "#555555")
 
 
@@ -68,18 +69,22 @@ def write_report(out: Path, results: Sequence[Result]) -> None:
     with atomic_file(out / "report.html", "w") as file:
         file.write(html_page(_number(results), made))
     with atomic_file(out / "report.md", "w") as file:
-        file.write("# KeyCLD: the paper anew\n\n" + "\n".join(section.table.markdown() for section in made))
+        file.write(f"# {TITLE}\n\n" + "\n".join(section.table.markdown() for section in made))
 
 
-def html_page(measured: str, sections: Sequence[Section]) -> str:
+def html_page(measured: str, sections: Sequence[Section], title: str = TITLE, command: str = "keycld paper") -> str:
     """The text of report.html.
 
     Args:
         measured: how much was measured, in words.
         sections: from top to bottom.
+        title: of the page.
+        command: that writes it.
     """
     page = templates("keycld_control.paper").get_template("report.html")
-    return page.render(plotly=Markup(get_plotlyjs()), measured=measured, sections=sections)
+    return page.render(
+        plotly=Markup(get_plotlyjs()), measured=measured, sections=sections, title=title, command=command
+    )
 
 
 def sections(out: Path, results: Sequence[Result]) -> Iterator[Section]:
@@ -124,7 +129,7 @@ def _curves(results: Sequence[Result]) -> Iterator[Picture]:
     figure.update_yaxes(title="mean squared error", col=1)
     figure.update_xaxes(title="frame")
     figure.update_layout(template="plotly_white", height=420, margin={"t": 50})
-    yield _figure("Error of predicted frames over time, first seed (figure 3)", figure)
+    yield figure_of("Error of predicted frames over time, first seed (figure 3)", figure)
 
 
 def _amounts(results: Sequence[Result]) -> Iterator[Picture]:
@@ -141,7 +146,7 @@ def _amounts(results: Sequence[Result]) -> Iterator[Picture]:
     figure.update_xaxes(type="log", title="sequences", tickvals=[*AMOUNTS, WHOLE])
     figure.update_yaxes(title="VPT from five frames", rangemode="tozero")
     figure.update_layout(template="plotly_white", height=360, margin={"t": 30})
-    yield _figure("Valid prediction time by number of training sequences", figure)
+    yield figure_of("Valid prediction time by number of training sequences", figure)
 
 
 def _potentials(results: Sequence[Result]) -> Iterator[Picture]:
@@ -165,7 +170,7 @@ def _potentials(results: Sequence[Result]) -> Iterator[Picture]:
         )  # fmt: skip
     figure.update_yaxes(title="J")
     figure.update_layout(template="plotly_white", height=260 * ((len(sweeps) + 1) // 2), margin={"t": 50})
-    yield _figure("Potential energy, first seed (figures 8 to 12)", figure)
+    yield figure_of("Potential energy, first seed (figures 8 to 12)", figure)
 
 
 def _memories(results: Sequence[Result]) -> Iterator[Picture]:
@@ -178,7 +183,7 @@ def _memories(results: Sequence[Result]) -> Iterator[Picture]:
     figure.update_yaxes(type="log", exponentformat="power")
     figure.update_yaxes(title="mean squared error", col=1)
     figure.update_layout(template="plotly_white", height=360, margin={"t": 50})
-    yield _figure("Error of test recordings against their distance to training recordings, first seed", figure)
+    yield figure_of("Error of test recordings against their distance to training recordings, first seed", figure)
 
 
 def _swing_ups(out: Path, results: Sequence[Result]) -> Iterator[Picture]:
@@ -209,7 +214,8 @@ def _pictures(title: str, out: Path, pictures: Sequence[tuple[str, str]]) -> Ite
         yield Picture(title, images=tuple(images))
 
 
-def _figure(title: str, figure: go.Figure) -> Picture:
+def figure_of(title: str, figure: go.Figure) -> Picture:
+    """A plot below a table."""
     return Picture(title, Markup(figure.to_html(include_plotlyjs=False, full_html=False)))
 
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import mujoco
 
-from keycld_envs.effects.base import Array, Effect, parameter
+from keycld_envs.effects.base import Array, Effect, Kind, parameter
 from keycld_envs.effects.native import NativeModel
 from keycld_envs.effects.places import ActuatorEffect
 
@@ -20,6 +20,12 @@ class ActuatorGain(ActuatorEffect):
     phrase: ClassVar[str] = "an actuator gain"
 
     k: float = parameter("1", 0.02, low=0.0, absent=1.0)
+
+    def indistinguishable(self, model: mujoco.MjModel) -> tuple[tuple[str, Kind, str], ...]:
+        """A link that is heavier by the inverse factor, where there is but one: all but friction is in proportion."""
+        if model.njnt == 1 and self.k < 1:
+            return (("added_inertia", "body", model.body(int(model.jnt_bodyid[0])).name),)
+        return ()
 
     def native(self, model: mujoco.MjModel, later: Sequence[Effect] = ()) -> bool:
         """Of actuators whose torque is linear in the command."""

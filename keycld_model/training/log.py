@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,3 +32,13 @@ def rewind(folder: Path, step: int) -> None:
             continue
     with atomic_file(path, "w") as file:
         file.write("".join(line + "\n" for line in kept))
+
+
+def entries(folder: Path) -> Iterator[dict[str, Any]]:
+    """All lines that are whole; a killed writer may leave half of one."""
+    path = folder / NAME
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+        try:
+            yield json.loads(line)
+        except ValueError:
+            continue

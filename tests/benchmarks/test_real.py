@@ -12,12 +12,13 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from keycld_control.benchmarks.real import GATES, Curve, Gate, GateResult, pushes, run
-from keycld_control.benchmarks.real.concealed import Case, passed, share, summary
 from keycld_control.benchmarks.real.gate import DataSplit, Diagnosed, Outcome
+from keycld_control.benchmarks.real.grading import Case, passed, share, summary
 from keycld_control.benchmarks.real.owners.gate import OwnersGate
 from keycld_control.benchmarks.real.owners.versus import OwnersRig
 from keycld_control.benchmarks.real.plots import write_page
 from keycld_control.benchmarks.real.replay import SIGMA, Observed, refit, roll
+from keycld_control.benchmarks.real.rivals.answer import Answer
 from keycld_control.benchmarks.refitting import JointPositions, Simulator
 from keycld_control.cli import main
 from keycld_envs.effects import CoulombFriction, QuadraticDrag, ViscousFriction
@@ -192,7 +193,7 @@ def test_recordings_are_what_the_documentation_says(case: str) -> None:
     times = np.asarray(string.t_state)
     assert (len(times), times[-1]) == (2330, pytest.approx(116.41, abs=0.01))
     assert np.ptp(np.asarray(motor.action)) > 30
-    logged = diagnosed("R1").diagnoses["acrobot"].recordings[0].table(DATA)
+    logged = diagnosed("G2").diagnoses["acrobot"].recordings[0].table(DATA)
     torques = [logged.column(f"tau_pert{j}") for j in (1, 2)]
     found = [pushes.true_windows(logged.column("time"), torque, 0.2) for torque in torques]
     assert [len(f) for f in found] == [2, 2]
@@ -248,11 +249,12 @@ def test_two_dissipation_terms_together_explain_what_either_makes_worse(case: st
 
 
 def test_a_concealed_effect_is_graded_by_name_place_size_and_interval() -> None:
-    def found(effect: str, where: str, value: float, rivals: list[str]) -> Report:
+    def found(effect: str, where: str, value: float, rivals: list[str]) -> Answer:
         size = {"c": Estimate(value, "N m", value - 0.05, value + 0.05)}
         finding = Finding(effect, "dissipation", {"kind": "joint", "name": where}, size, "", 0.7, rivals)
         fit = FitErrors("", "mrad", 3, 2, 1)
-        return Report("mismatch", "", [finding], {}, Unexplained(False, 0, None, ""), fit, [])
+        report = Report("mismatch", "", [finding], {}, Unexplained(False, 0, None, ""), fit, [])
+        return Answer.of_report(report)
 
     truth = CoulombFriction("elbow", 0.3)
     right = Case("rig", ["a"], truth, found("coulomb_friction", "elbow", 0.33, []), 1.0).grade()
@@ -264,6 +266,8 @@ def test_a_concealed_effect_is_graded_by_name_place_size_and_interval() -> None:
     assert [rival[k] for k in ("named", "in_set", "placed", "sized")] == [False, True, True, False]
     elsewhere = Case("rig", ["a"], truth, found("coulomb_friction", "shoulder", 0.3, []), 1.0).grade()
     assert [elsewhere[k] for k in ("named", "placed")] == [False, False]
+    refused = Case("rig", ["a"], truth, Answer("undetermined", failure="too short"), 1.0).grade()
+    assert [refused[k] for k in ("named", "among", "placed", "sized", "failure")] == [False] * 4 + ["too short"]
     alarm = Case("rig", ["a"], None, found("coulomb_friction", "elbow", 0.3, []), 1.0).grade()
     counts = summary([right, rival, elsewhere, alarm])
     assert (counts["alarms"], counts["named"], counts["in_set"], counts["placed"]) == (1, 1, 2, 2)

@@ -54,11 +54,17 @@ def test_the_packages_and_the_command_have_one_version(capsys: pytest.CaptureFix
     assert {package.__version__ for package in (keycld_envs, keycld_model, keycld_control)} == {installed}
 
 
-@pytest.mark.parametrize("name", command_names())
-def test_every_command_explains_itself_without_heavy_imports(name: str) -> None:
+SUBCOMMANDS = {"delan": ("train", "evaluate", "paper")}
+"""Of commands whose options are those of their subcommands."""
+
+
+@pytest.mark.parametrize(
+    "words", [[name, *word] for name in command_names() for word in [[w] for w in SUBCOMMANDS.get(name, ())] or [[]]]
+)
+def test_every_command_explains_itself_without_heavy_imports(words: list[str]) -> None:
     code = (
         "import sys; from keycld_control.cli import main\n"
-        f"try: main([{name!r}, '--help'])\n"
+        f"try: main([*{words!r}, '--help'])\n"
         "except SystemExit as end: assert end.code == 0\n"
         "assert not {'jax', 'OpenGL', 'mujoco'} & sys.modules.keys(), 'import heavy modules inside run()'"
     )

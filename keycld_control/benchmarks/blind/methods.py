@@ -1,12 +1,11 @@
 """What can be benchmarked: functions of recordings, held-out recordings and a simulator that return a report."""
 
 from collections.abc import Callable, Sequence
-from importlib import import_module
 from typing import Any
 
 import mujoco
 
-from keycld_envs.errors import InputError
+from keycld_control.benchmarks.named_functions import function_of
 from keycld_envs.recordings import Recording
 
 Method = Callable[[Sequence[Recording], Sequence[Recording], mujoco.MjModel], dict[str, Any]]
@@ -27,13 +26,7 @@ def get_method(name: str) -> Method:
     Raises:
         InputError: if there is none.
     """
-    module, _, function = METHODS.get(name, name).partition(":")
-    try:
-        return getattr(import_module(module), function)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(
-            f"There is no method {name!r} ({error}); choose one of {', '.join(METHODS)}, or module:function."
-        ) from error
+    return function_of(name, METHODS)
 
 
 def diagnose(training: Sequence[Recording], held_out: Sequence[Recording], model: mujoco.MjModel) -> dict[str, Any]:

@@ -8,13 +8,12 @@ from typing import Any
 
 from keycld_control.benchmarks.blind.make import SCHEMA, name
 from keycld_control.benchmarks.blind.methods import METHODS, get_method
+from keycld_control.benchmarks.unfinished import finish
 from keycld_control.plain_json import plain
 from keycld_envs.errors import InputError
-from keycld_envs.files import atomic_file, one_writer
-from keycld_envs.progress import progress
+from keycld_envs.files import atomic_file
 from keycld_envs.reading import read_json
 from keycld_envs.recordings import read_dataset
-from keycld_envs.workers import each
 from keycld_model.diagnosis import Source
 
 
@@ -35,15 +34,18 @@ def run(out: Path, method: str = "diagnose", workers: int = 1, ray: str | None =
     """
     manifest, folder = read_manifest(out), reports(out, method)
     get_method(method)
-    with one_writer(folder):
-        todo = [i for i in range(manifest["cases"]) if not (folder / f"{name(i)}.json").is_file()]
-        with progress("Running", total=manifest["cases"]) as advance:
-            advance(manifest["cases"] - len(todo))
-            for _ in each(partial(_run, out.resolve(), method), todo, workers, ray):
-                advance()
-    done = [read_report(out, method, i) for i in range(manifest["cases"])]
+    every = range(manifest["cases"])
+    todo = finish(
+        partial(_run, out.resolve(), method),
+        every,
+        lambda: {i for i in every if (folder / f"{name(i)}.json").is_file()},
+        folder,
+        workers=workers,
+        ray=ray,
+    )
+    done = [read_report(out, method, i) for i in every]
     failed = [r["case"] for r in done if r["failure"] is not None]
-    return {"method": method, "cases": len(done), "run": len(todo), "failed": failed, "reports": str(folder)}
+    return {"method": method, "cases": len(done), "run": todo, "failed": failed, "reports": str(folder)}
 
 
 def read_report(out: Path, method: str, index: int) -> dict[str, Any]:

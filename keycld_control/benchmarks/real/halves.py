@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from keycld_control.benchmarks.real.concealed import interval, share
 from keycld_control.benchmarks.real.gate import GateResult, Outcome, Runs, group_of
+from keycld_control.benchmarks.real.grading import interval, share
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis import Report, diagnose

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from keycld_envs.effects import Effect
+from keycld_envs.effects import ActuatorGain, Effect
 from keycld_envs.effects.places import ActuatorEffect
 from keycld_model.diagnosis.discrepancy.changes import Candidate, Contest, Difference
 from keycld_model.diagnosis.discrepancy.motion import Motion
-from keycld_model.diagnosis.discrepancy.regressors import answer_of, can_be_tested
+from keycld_model.diagnosis.discrepancy.regressors import answer_of, can_be_tested, spread_of_share
 from keycld_model.diagnosis.search.hypotheses import Hypothesis, hypotheses, recorded_range
 
 Array = NDArray[np.float64]
@@ -38,9 +38,25 @@ class Columns:
         for hypothesis in hypotheses(motion.model, recorded_range(motion.windows)):
             if can_be_tested(hypothesis.effect, motion.model):
                 own = answers_of(motion, hypothesis)
-                candidates.append(Candidate(hypothesis, tuple(range(len(answers), len(answers) + len(own)))))
+                columns = tuple(range(len(answers), len(answers) + len(own)))
+                candidates.append(Candidate(hypothesis, columns, precision=_precision(motion, hypothesis)))
                 answers += own
         return cls(tuple(candidates), np.stack(answers, axis=-1))
+
+
+def _precision(motion: Motion, hypothesis: Hypothesis) -> float:
+    """Of what both sets have of an effect: nothing is known but of motors, which are nearly what the simulator says.
+
+    With masses and the only motor free, nothing would need any force at all, were both zero. So its gain stays that of
+    the simulator, for which masses make up. Dead zones change the torque by a share.
+    """
+    effect = hypothesis.effect
+    if not isinstance(effect, ActuatorEffect) or effect.memory:
+        return 0.0
+    if isinstance(effect, ActuatorGain):
+        return 1e12 if motion.model.nu == 1 else 0.0
+    spreads = [spread_of_share(motion, effect, number) for number in hypothesis.coefficients]
+    return min(spreads, default=np.inf) ** -2.0
 
 
 def answers_of(motion: Motion, hypothesis: Hypothesis, sizes: Sequence[float] | None = None) -> list[Array]:
@@ -73,7 +89,8 @@ def refined(contest: Contest, motion: Motion, found: Difference, test: Test) -> 
         answers = np.stack(answers_of(motion, now, sizes), axis=-1)
         own = contest.with_regression(contest.regression.with_others(answers))
         columns = tuple(range(before, before + answers.shape[-1]))
-        candidate = Candidate(now, columns) if sizes is None else replace(found.candidate, changed=columns)
+        anew = {"hypothesis": now, "columns": columns} if sizes is None else {"changed": columns}
+        candidate = replace(found.candidate, **anew)
         return own, test(own, candidate)
 
     def searched(at: Callable[[float], tuple[Contest, Difference]], low: float, high: float) -> None:

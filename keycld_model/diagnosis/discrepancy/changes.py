@@ -22,11 +22,13 @@ class Candidate:
         hypothesis: an effect at a place, with its nonlinear parameters at one value.
         columns: indices of one column per coefficient, or of one for the effect as it is.
         changed: the same for the difference, where the effect is no line and the difference large; else none.
+        precision: of what both sets have of it.
     """
 
     hypothesis: Hypothesis
     columns: tuple[int, ...]
     changed: tuple[int, ...] = ()
+    precision: float = 0.0
 
     @property
     def of_difference(self) -> tuple[int, ...]:
@@ -140,7 +142,7 @@ class Contest:
         """
         windows, p = self.windows([*baseline, *new]), self.regression.shared.shape[2]
         common, everywhere = [*self.design(baseline, new), *present], frozenset([*baseline, *new])
-        own = [Column(p + i, everywhere, 0.0) for i in candidate.columns]
+        own = [Column(p + i, everywhere, candidate.precision) for i in candidate.columns]
         other = [Column(p + i, frozenset(new), 0.0) for i in candidate.of_difference]
         columns, precision = self._explicit(windows, [*common, *own, *other])
         k = len(own)
@@ -159,7 +161,8 @@ class Contest:
     def gained(self, candidate: Candidate, values: Array, recording: int, present: Sequence[Column] = ()) -> float:
         """Nats that a difference of a given size gains in one new recording, all else fitted to the baseline and it."""
         windows, p = self.windows([*self.baseline, recording]), self.regression.shared.shape[2]
-        own = [Column(p + i, frozenset([*self.baseline, recording]), 0.0) for i in candidate.columns]
+        both = frozenset([*self.baseline, recording])
+        own = [Column(p + i, both, candidate.precision) for i in candidate.columns]
         columns, precision = self._explicit(windows, [*self.design(self.baseline, [recording]), *present, *own])
         other, _ = self._explicit(
             windows, [Column(p + i, frozenset([recording]), 0.0) for i in candidate.of_difference]
@@ -212,9 +215,10 @@ class Contest:
             a, b, k = both_[:, m], new_[:, m], len(m)
             at = p + m
             known, late = np.ix_(at, at), fresh[np.ix_(at, at)]
-            normal = np.block([[total[known] - a.T @ a, late - a.T @ b], [late - b.T @ a, late - b.T @ b]])
+            total_own = total[known] + candidate.precision * np.eye(k)
+            normal = np.block([[total_own - a.T @ a, late - a.T @ b], [late - b.T @ a, late - b.T @ b]])
             right = np.concatenate([total[at, -1] - a.T @ target, fresh[at, -1] - b.T @ target])
-            size = np.sqrt(np.maximum(np.concatenate([np.diag(total[known]), np.diag(late)]), 1e-300))
+            size = np.sqrt(np.maximum(np.concatenate([np.diag(total_own), np.diag(late)]), 1e-300))
             normal, right = normal / size[:, None] / size, right / size
             common = np.linalg.pinv(normal[:k, :k], rcond=1e-8, hermitian=True)
             left = normal[k:, k:] - normal[k:, :k] @ common @ normal[:k, k:]

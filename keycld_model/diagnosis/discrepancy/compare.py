@@ -1,6 +1,6 @@
 """What changed between two sets of recordings: the stages in order."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -10,25 +10,22 @@ from numpy.typing import NDArray
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.candidates import Columns
-from keycld_model.diagnosis.discrepancy.changes import Contest
+from keycld_model.diagnosis.discrepancy.changes import Contest, Key
 from keycld_model.diagnosis.discrepancy.checks import check_alike, check_enough, check_overlap
-from keycld_model.diagnosis.discrepancy.inertias import with_own_masses
+from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
+from keycld_model.diagnosis.discrepancy.following import followed
 from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.discrepancy.overlap import beyond_baseline, comparable
 from keycld_model.diagnosis.discrepancy.pushes import Push, Pushes
 from keycld_model.diagnosis.discrepancy.regression import (
-    Discrepancy,
     Mask,
     Regression,
     Solution,
-    regression,
     whitened_again,
 )
-from keycld_model.diagnosis.discrepancy.regressors import Term, shared_terms
+from keycld_model.diagnosis.discrepancy.regressors import Term
 from keycld_model.diagnosis.discrepancy.selection import Change, Ranked, Selection, between_runs
 
-CORRECTIONS = 4
-"""Times that masses are fitted at most, before a simulator follows the recordings: each is by a factor of two."""
 LEAST = 8
 """Windows of new recordings in which nobody pushes, for lasting changes to be looked for in them alone."""
 RIGHT = 0.84
@@ -50,6 +47,7 @@ class Comparison:
         beyond: share of the time in which new recordings leave the range of the baseline, by channel.
         discrepancy: that nothing explains.
         contest: in which changes were tested.
+        chance: nats that each candidate gains between runs of the baseline, by effect and place.
         pushes: in new recordings.
     """
 
@@ -62,6 +60,7 @@ class Comparison:
     beyond: dict[str, float]
     discrepancy: Discrepancy
     contest: Contest
+    chance: Mapping[Key, float]
     pushes: Sequence[Push]
 
     @property
@@ -91,7 +90,7 @@ def compare(
     """
     check_alike(recordings, baseline)
     advance(0, "following the motion")
-    motion, terms, discrepancy = _followed([*baseline, *recordings], len(baseline), model, criteria)
+    motion, terms, discrepancy = followed([*baseline, *recordings], len(baseline), model, criteria)
     of_baseline = motion.windows.recording < len(baseline)
     anywhere = beyond_baseline(motion, of_baseline)
     beyond = {channel: float(b[~of_baseline].mean()) for channel, b in anywhere.items()}
@@ -116,7 +115,9 @@ def compare(
     common = _common(contest.regression, terms, of_baseline)
     advance(10)
     left = selection.discrepancy
-    return Comparison(motion, terms, common, changes, next_best, inconsistent, beyond, left, contest, given)
+    return Comparison(
+        motion, terms, common, changes, next_best, inconsistent, beyond, left, contest, selection.chance, given
+    )
 
 
 def _looking(
@@ -183,26 +184,6 @@ class _Looked:
         changes = selection.changes(advance)
         advance(20)
         return selection, *changes
-
-
-def _followed(
-    recordings: Sequence[Recording], baseline: int, model: mujoco.MjModel, criteria: Criteria
-) -> tuple[Motion, list[Term], Discrepancy]:
-    """The motion, what all of it shares, and what that leaves, by a simulator with masses near those of the baseline.
-
-    The first recordings are the baseline.
-    """
-    for _ in range(CORRECTIONS):
-        motion = Motion.of(recordings, model, criteria)
-        terms, own = shared_terms(motion, criteria), motion.windows.recording < baseline
-        nothing = motion.residual[..., None][..., :0]
-        found, discrepancy = regression(motion, terms, nothing, own)
-        values = found.solve(own, nothing[own], np.zeros(0)).values
-        after = with_own_masses(motion, {t.name: float(v) for t, v in zip(terms, values, strict=True)}, criteria)
-        if after is None:
-            break
-        model = after
-    return motion, terms, discrepancy
 
 
 def _common(found: Regression, terms: Sequence[Term], of_baseline: Mask) -> Solution:

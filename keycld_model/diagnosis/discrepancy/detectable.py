@@ -5,15 +5,17 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.discrepancy.candidates import Columns
 from keycld_model.diagnosis.discrepancy.changes import Candidate, Contest
 from keycld_model.diagnosis.discrepancy.checks import check_runs
+from keycld_model.diagnosis.discrepancy.following import followed
 from keycld_model.diagnosis.discrepancy.motion import MOST, Motion
-from keycld_model.diagnosis.discrepancy.regression import regression
-from keycld_model.diagnosis.discrepancy.regressors import force_of, shared_terms
+from keycld_model.diagnosis.discrepancy.regression import whitened_again
+from keycld_model.diagnosis.discrepancy.regressors import force_of
 from keycld_model.diagnosis.discrepancy.selection import between_runs
 from keycld_model.diagnosis.inputs.checks import check
 from keycld_model.diagnosis.inputs.observation import JointPositions
@@ -68,11 +70,10 @@ def detectable(
     observation = JointPositions(model, criteria=criteria)
     check(recordings, model, observation, MOST)
     bare = without_contacts(model, recordings, observation)
-    motion = Motion.of(recordings, bare, criteria)
+    motion, terms, discrepancy = followed(recordings, len(recordings), bare, criteria)
     advance(30)
-    terms, columns = shared_terms(motion, criteria), Columns.of(motion)
-    everything = np.ones(len(motion.windows), dtype=bool)
-    found, _ = regression(motion, terms, columns.answers, everything)
+    columns, everything = Columns.of(motion), np.ones(len(motion.windows), dtype=bool)
+    found = whitened_again(motion, terms, columns.answers, everything, discrepancy)
     zeros = [(i, term.spread) for i, term in enumerate(terms) if term.zero]
     numbers = tuple(range(len(recordings)))
     contest = Contest(found, columns.candidates, motion.windows.recording, numbers, (), zeros)
@@ -91,16 +92,14 @@ def _of_candidate(
     candidate: Candidate, contest: Contest, motion: Motion, chance: float, criteria: Criteria
 ) -> list[Detectable]:
     """Sizes whose gain is as many times that of chance as it must be, in the median run."""
-    hypothesis, k = candidate.hypothesis, len(candidate.columns)
-    least = 2 * criteria.changed * max(chance, float(k))
-    information = []
-    for run in contest.baseline:
-        tested = contest.test(candidate, [r for r in contest.baseline if r != run], [run])
-        information.append(np.diag(np.linalg.pinv(tested.covariance)))
+    hypothesis = candidate.hypothesis
+    sizes = [
+        found_from(candidate, contest, [r for r in contest.baseline if r != run], [run], chance, criteria)
+        for run in contest.baseline
+    ]
     out = []
-    for parameter, info in zip(hypothesis.coefficients, np.median(information, axis=0), strict=True):
-        size = float(np.sqrt(least / info)) if info > 0 else np.inf
-        force = np.nan
+    for parameter, own in zip(hypothesis.coefficients, np.median(sizes, axis=0), strict=True):
+        size, force = float(own), np.nan
         if np.isfinite(size) and not hypothesis.effect.observes:
             little = hypothesis.effect.with_parameters(**{parameter.name: parameter.absent + parameter.scale})
             made = np.sqrt(np.mean(force_of(motion, little) ** 2, axis=(0, 1))).max() / parameter.scale
@@ -110,3 +109,26 @@ def _of_candidate(
             Detectable(effect.id, effect.kind, effect.where, parameter.name, size, parameter.unit, round(force, 6))
         )
     return out
+
+
+def found_from(
+    candidate: Candidate,
+    contest: Contest,
+    baseline: Sequence[int],
+    new: Sequence[int],
+    chance: float,
+    criteria: Criteria,
+) -> NDArray[np.float64]:
+    """Sizes of the coefficients `[k]` from which a difference gains as many times what chance does as it must.
+
+    Args:
+        candidate: what may differ.
+        contest: in which it is tested.
+        baseline: recordings.
+        new: recordings.
+        chance: nats that it gains between runs of the baseline.
+        criteria: thresholds.
+    """
+    least = 2 * criteria.changed * max(chance, float(len(candidate.columns)))
+    information = np.diag(np.linalg.pinv(contest.test(candidate, baseline, new).covariance))
+    return np.sqrt(np.divide(least, information, out=np.full(len(information), np.inf), where=information > 0))

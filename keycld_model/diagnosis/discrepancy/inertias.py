@@ -59,7 +59,7 @@ def inertials(model: mujoco.MjModel, criteria: Criteria) -> Iterator[Inertial]:
         children = np.flatnonzero(model.body_parentid == body)
         numbers = {
             "mass": ("body_mass", [body], 1.0),
-            "centre of mass": ("body_ipos", [body], 1.0),
+            "centre of mass": ("body_ipos", [body], 0.25),
             "inertia": ("body_inertia", [body], 2.0),
             "length": ("body_pos", children, 0.25),
         }
@@ -104,13 +104,16 @@ def inertial_columns(motion: Motion, criteria: Criteria, held: bool) -> list[tup
     return [(name, column - share[i] * made_up, spread) for i, (name, column, _, spread) in enumerate(out) if i != most]
 
 
-def with_own_masses(motion: Motion, values: Mapping[str, float], criteria: Criteria) -> mujoco.MjModel | None:
-    """The simulator with what was found of its inertial numbers; None if its own are near enough for first order.
+def with_own_masses(
+    motion: Motion, values: Mapping[str, float], criteria: Criteria, near: float
+) -> mujoco.MjModel | None:
+    """The simulator with what was found of its inertial numbers; None if its own are near enough.
 
     Args:
         motion: along which forces are compared.
         values: of the numbers, by their names.
         criteria: what is expected of them.
+        near: share of the forces at a joint by which those of the simulator may be off.
     """
     after = copy.copy(motion.model)
     for number in inertials(motion.model, criteria):
@@ -119,7 +122,7 @@ def with_own_masses(motion: Motion, values: Mapping[str, float], criteria: Crite
     mujoco.mj_setConst(after, mujoco.MjData(after))
     before, now = (_needed(motion, model)[0] for model in (motion.model, after))
     size, change = (np.sqrt(np.mean(x**2, axis=(0, 1))) for x in (before, now - before))
-    return after if np.any(change > criteria.spreads.mass_beside_forces * size) else None
+    return after if np.any(change > near * size) else None
 
 
 def _needed(motion: Motion, model: mujoco.MjModel) -> tuple[Array, Array]:

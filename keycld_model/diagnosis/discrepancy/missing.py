@@ -19,8 +19,9 @@ from keycld_envs.effects.places import ActuatorEffect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.candidates import Columns
 from keycld_model.diagnosis.discrepancy.changes import Key
+from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
 from keycld_model.diagnosis.discrepancy.motion import Motion
-from keycld_model.diagnosis.discrepancy.regression import Discrepancy, regression, robust_weights
+from keycld_model.diagnosis.discrepancy.regression import regression, robust_weights
 from keycld_model.diagnosis.discrepancy.regressors import Term, force_of
 from keycld_model.diagnosis.search.hypotheses import Hypothesis
 

@@ -11,6 +11,7 @@ from scipy.stats import t as student
 from keycld_envs.effects import ConstantForce, CoulombFriction, Effect, ViscousFriction
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.compare import Comparison
+from keycld_model.diagnosis.discrepancy.detectable import found_from
 from keycld_model.diagnosis.discrepancy.rollouts import enough, error_over, fit_errors, rollouts, unexplained
 from keycld_model.diagnosis.discrepancy.selection import Change
 from keycld_model.diagnosis.estimation.fit import Fit
@@ -50,7 +51,7 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
     verdict = _verdict(found, errors, perhaps)
     return Report(
         verdict=verdict,
-        headline=changed_headline(verdict, findings, errors, runs, perhaps),
+        headline=changed_headline(verdict, findings, errors, runs, perhaps, _friction_found(found, model, criteria)),
         findings=findings,
         nuisance=nuisance_of(rolled.refitted),
         unexplained=unexplained(found.motion, found.discrepancy, errors, LEFT),
@@ -70,6 +71,22 @@ def _perhaps(found: Comparison, criteria: Criteria) -> str | None:
     if found.changes or found.pushes or found.inconsistent or best is None or best.times < criteria.perhaps_changed:
         return None
     return f"{in_sentence(best.effect.id)} at {best.effect.where}"
+
+
+def _friction_found(found: Comparison, model: mujoco.MjModel, criteria: Criteria) -> dict[str, str]:
+    """Dry friction that would have been found, by joint, in words; none where something was."""
+    if found.changes:
+        return {}
+    contest, out = found.contest, {}
+    for candidate in contest.candidates:
+        effect = candidate.hypothesis.effect
+        if effect.id == CoulombFriction.id:
+            chance = found.chance.get(candidate.key, 0.0)
+            (least,) = found_from(candidate, contest, contest.baseline, contest.new, chance, criteria)
+            if np.isfinite(least):
+                (size,) = estimates(effect.with_parameters(c=float(least)), [0.0], model).values()
+                out[effect.where] = f"{least:.2g} {size.unit}"
+    return out
 
 
 def _verdict(found: Comparison, errors: FitErrors, perhaps: str | None) -> Verdict:

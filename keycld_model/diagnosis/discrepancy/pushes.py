@@ -20,8 +20,8 @@ from scipy.stats import t as student
 from keycld_envs.effects import ActuatorGain, Effect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.bells import DURATIONS, Standing, standing
+from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
 from keycld_model.diagnosis.discrepancy.motion import Motion
-from keycld_model.diagnosis.discrepancy.regression import Discrepancy
 from keycld_model.diagnosis.discrepancy.regressors import can_be_tested, force_of, resting, shared_terms
 from keycld_model.diagnosis.discrepancy.smoothed import STEP, Smoothed, within_range
 

@@ -12,91 +12,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
-from keycld_envs.effects.edited import torque_per_command
+from keycld_model.diagnosis.discrepancy.covariance import Discrepancy, Unsteady
 from keycld_model.diagnosis.discrepancy.motion import Motion
-from keycld_model.diagnosis.discrepancy.regressors import Term, resting
+from keycld_model.diagnosis.discrepancy.regressors import Term
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FREEDOM = 4.0
 """Degrees of freedom of Student's t, over windows."""
-HELD = 3.0
-"""Standard deviation of dry friction at rest over the unknown force there: nearly any force."""
-
-
-@dataclass(frozen=True)
-class Unsteady:
-    """Where forces are known worse than elsewhere.
-
-    Attributes:
-        rest: `[W, B, nv]` share of each part of a window in which a joint may rest.
-        command: `[W, B, nv]` standard deviation of a motor's torque within the part, N m or N; none follows at once.
-        held: `[W, B, nv]` standard deviation of dry friction there, since it holds whatever force there is, N m or N.
-        noisy: `[W, nv]` mean square of what even unknown forces leave, over that of most windows, at least one: links
-            ring where a controller chatters.
-    """
-
-    rest: Array
-    command: Array
-    held: Array
-    noisy: Array
-
-    @classmethod
-    def of(cls, motion: Motion) -> "Unsteady":
-        """Along a motion."""
-        torque = motion.u @ torque_per_command(motion.model).T
-        squares = motion.over_parts(torque**2) - motion.over_parts(torque) ** 2
-        rest = motion.over_parts(resting(motion.v))
-        ringing = motion.ringing / np.median(motion.ringing, axis=0)
-        held = HELD * rest * np.abs(motion.forces)
-        return cls(rest, np.sqrt(np.maximum(squares, 0.0)), held, np.maximum(ringing, 1.0))
-
-
-@dataclass(frozen=True)
-class Discrepancy:
-    """What nothing explains.
-
-    Attributes:
-        force: `[nv]` standard deviation of unknown forces, N m or N, in each part of a window.
-        noise: `[nv]` of the sensors, over those of the motion.
-        vibration: `[nv]` of positions, over the noise of the motion: links and mountings give way.
-        correlation_time: after which a vibration is another one, s.
-        friction: `[nv]` dry friction, which may be any force where a joint rests, N m or N.
-        more: `[W, nv]` the same beyond that in some windows.
-    """
-
-    force: Array
-    noise: Array
-    vibration: Array
-    correlation_time: float
-    friction: Array
-    more: Array
-
-    def covariance(self, motion: Motion, unsteady: "Unsteady", rows: NDArray[np.int64]) -> Array:
-        """Of whitened residuals, `[len(rows), r, r]`.
-
-        Args:
-            motion: of W windows.
-            unsteady: where forces are known worse.
-            rows: some windows.
-        """
-        response, nv = motion.response[rows], len(self.force)
-        friction = (self.friction + self.more[rows])[:, None] * unsteady.rest[rows]
-        friction = np.maximum(friction, unsteady.held[rows])
-        spread = np.sqrt(self.force**2 + friction**2 + unsteady.command[rows] ** 2)
-        out = np.zeros((len(rows), response.shape[1], response.shape[1]))
-        for j in range(nv):
-            scaled = response[:, :, j] * spread[:, None, :, j]
-            out += scaled @ np.swapaxes(scaled, 1, 2)
-        own = np.tile(self.noise**2 * unsteady.noisy[rows], response.shape[1] // nv)
-        out[:, np.arange(own.shape[1]), np.arange(own.shape[1])] += own
-        time = motion.windows.time[rows]
-        alike = np.exp(-np.abs(time[:, :, None] - time[:, None, :]) / self.correlation_time)
-        for j in range(nv):
-            out[:, j::nv, j::nv] += self.vibration[j] ** 2 * alike
-        return out
+UNEQUAL = 0.5
+"""Standard deviation of the logarithm of unknown forces from recording to recording."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +136,7 @@ def regression(motion: Motion, terms: Sequence[Term], others: Array, baseline: M
     problem = _Restricted.of(motion, terms, baseline)
     usual = np.sqrt(np.mean(motion.required**2, axis=(0, 1)))
     one, none = np.ones(len(usual)), np.zeros((len(baseline), len(usual)))
-    found = Discrepancy(0.1 * usual, one, one, 0.1, 0.3 * usual, none)
+    found = Discrepancy(0.1 * usual, one, one, 0.1, 0.3 * usual, none, np.ones(len(baseline)))
     dry = [(i, term.holds) for i, term in enumerate(terms) if term.holds is not None]
     for _ in range(3):
         found = problem.most_likely(found)
@@ -218,7 +145,29 @@ def regression(motion: Motion, terms: Sequence[Term], others: Array, baseline: M
         least = np.maximum(size.min(axis=0), 0.02 * usual)
         found = replace(found, friction=least, more=np.maximum(size - least, 0.0))
         problem = replace(problem, weights=solved.weights)
+    share = _shares(motion, terms, found)
+    usual = np.exp(np.mean(np.log(share[baseline])))  # terms of one run explain more of it than those of all
+    found = replace(found, share=share / usual)
     return problem.regression(found, others), found
+
+
+def _shares(motion: Motion, terms: Sequence[Term], found: Discrepancy) -> Array:
+    """Of unknown forces in each window, as likely as can be in its recording, whose terms are its own."""
+    out = np.ones(len(motion.windows))
+    for run in np.unique(motion.windows.recording):
+        own = motion.windows.recording == run
+        alone = _Restricted.of(motion, terms, own)
+
+        nats: dict[float, float] = {}
+
+        def cost(x: float, own: Mask = own, alone: _Restricted = alone, nats: dict[float, float] = nats) -> float:
+            share = np.where(own, np.exp(x), 1.0)
+            nats[float(x)] = alone.nats(replace(found, share=share)) + 0.5 * float(x / UNEQUAL) ** 2
+            return nats[float(x)]
+
+        minimize_scalar(cost, bounds=(-3 * UNEQUAL, 3 * UNEQUAL), method="bounded", options={"maxiter": 12})
+        out[own] = np.exp(min(nats, key=nats.__getitem__))
+    return out
 
 
 def whitened_again(
@@ -281,7 +230,7 @@ class _Restricted:
         diagonals = np.einsum("wii->wi", factor), np.abs(np.einsum("wii->wi", upper))
         return white - basis @ (np.swapaxes(basis, 1, 2) @ white), float(2 * sum(np.log(d).sum() for d in diagonals))
 
-    def _nats(self, discrepancy: Discrepancy) -> float:
+    def nats(self, discrepancy: Discrepancy) -> float:
         """Minus the logarithm of the restricted likelihood."""
         rows = np.flatnonzero(self.baseline)
         weights = np.ones(len(rows)) if self.weights is None else self.weights
@@ -307,7 +256,7 @@ class _Restricted:
         middle = np.log(np.concatenate([start.force, start.noise, start.vibration, [start.correlation_time]]))
         bounds = [(x - 5, x + 5) for x in middle[:nv]] + [(-1.0, 3.0)] * nv + [(-4.0, 6.0)] * nv + [(-5.0, 0.0)]
         found = minimize(
-            lambda x: self._nats(discrepancy(x)),
+            lambda x: self.nats(discrepancy(x)),
             np.clip(middle, *np.transpose(bounds)),
             method="L-BFGS-B",
             bounds=bounds,

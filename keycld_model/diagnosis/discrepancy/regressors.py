@@ -15,6 +15,7 @@ from keycld_envs.effects import (
     Effect,
     GearFriction,
     LoadDependentFriction,
+    Parameter,
     PositionDependentFriction,
     QuadraticDrag,
     Spring,
@@ -52,6 +53,8 @@ IDEALISED: tuple[type[Effect], ...] = (
     ActuatorLag,
 )
 """What all friction and all motors are a little, which the usual terms leave out."""
+IDEALISED_SHARE = 0.1
+"""Of the forces of the motion, root mean square, that such effects are expected to have."""
 USUAL_NUMBERS = ("backward", "c", "f")
 """Parameters of these that usual terms have already."""
 RESTING = 0.05
@@ -201,7 +204,6 @@ def shared_terms(motion: Motion, criteria: Criteria, held: bool = False) -> list
 def _idealised(motion: Motion) -> list[Term]:
     """What friction and motors are beyond the simplest forms, expected to be a share of the forces of the motion."""
     model, out = motion.model, []
-    usual, share = np.sqrt(np.mean(motion.required**2, axis=(0, 1))), 0.1
     for kind in IDEALISED:
         for absent in kind.candidates(model):
             if not can_be_tested(absent, model):
@@ -209,15 +211,23 @@ def _idealised(motion: Motion) -> list[Term]:
             for number in absent.parameters():
                 if number.grid or number.name in USUAL_NUMBERS:
                     continue
-                little = absent.with_parameters(**{number.name: number.absent + number.scale})
-                force = np.sqrt(np.mean(force_of(motion, little) ** 2, axis=(0, 1))) / number.scale
-                if force.any():
-                    spread = float(np.max(share * usual[force > 0] / force[force > 0]))
+                spread = spread_of_share(motion, absent, number)
+                if np.isfinite(spread):
+                    little = absent.with_parameters(**{number.name: number.absent + number.scale})
                     column = answer_of(motion, little) / number.scale
                     name = f"{number.name} of {absent.id} at {absent.where}"
                     holds = _holding(motion, little, number.scale)
                     out.append(Term(name, column, spread, beyond=True, holds=holds))
     return out
+
+
+def spread_of_share(motion: Motion, absent: Effect, number: Parameter) -> float:
+    """Size of a number with which an effect is a share of the forces of the motion; infinite if it does nothing."""
+    little = absent.with_parameters(**{number.name: number.absent + number.scale})
+    force = np.sqrt(np.mean(force_of(motion, little) ** 2, axis=(0, 1))) / number.scale
+    usual = np.sqrt(np.mean(motion.required**2, axis=(0, 1)))
+    ratio = usual[force > 0] / force[force > 0]
+    return float(IDEALISED_SHARE * ratio.max()) if len(ratio) else np.inf
 
 
 def _zeros(motion: Motion, criteria: Criteria) -> list[Term]:

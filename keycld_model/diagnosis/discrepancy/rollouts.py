@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
 from keycld_model.diagnosis.discrepancy.motion import Motion
-from keycld_model.diagnosis.discrepancy.regression import Discrepancy
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.estimation.replay import rollout_error

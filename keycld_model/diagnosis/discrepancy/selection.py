@@ -8,13 +8,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.effects import Effect, PositionDependentFriction
+from keycld_envs.effects import AsymmetricFriction, Effect, PositionDependentFriction
 from keycld_envs.effects.places import ActuatorEffect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.candidates import Columns, refined
 from keycld_model.diagnosis.discrepancy.changes import Candidate, Column, Contest, Difference, Key
+from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
 from keycld_model.diagnosis.discrepancy.motion import Motion
-from keycld_model.diagnosis.discrepancy.regression import Discrepancy, Mask, whitened_again
+from keycld_model.diagnosis.discrepancy.regression import Mask, whitened_again
 from keycld_model.diagnosis.discrepancy.regressors import Term
 
 Array = NDArray[np.float64]
@@ -247,12 +248,17 @@ def _dry_joint(ranked: Sequence[Ranked], motion: Motion) -> int | None:
 def _possible(difference: Difference) -> bool:
     """Whether physics allows the difference: what is left of a friction that fell is no drive."""
     hypothesis = difference.candidate.hypothesis
+    if not hypothesis.coefficients and abs(np.rint(difference.values[0])) != 1:  # there or not
+        return False
     deviations = np.sqrt(np.maximum(np.diag(difference.covariance), 0.0))
     rows = zip(hypothesis.coefficients, difference.values, difference.common, deviations, strict=False)
     for parameter, value, common, deviation in rows:
         least = parameter.low - parameter.absent
         if value < -3 * deviation and max(common, 0.0) + value < least - 3 * deviation:
             return False
+    if isinstance(hypothesis.effect, AsymmetricFriction):  # less one way and more the other is a force
+        less, more = np.any(difference.values < -3 * deviations), np.any(difference.values > 3 * deviations)
+        return not (less and more)
     if isinstance(hypothesis.effect, PositionDependentFriction):
         mean, *waves = difference.values
         return bool(abs(mean) >= np.hypot(*waves))
@@ -262,15 +268,16 @@ def _possible(difference: Difference) -> bool:
 def between_runs(contest: Contest, criteria: Criteria) -> dict[Key, float]:
     """Nats of each candidate when one run of the baseline after the other is taken for new, in the mean.
 
-    What differs most from run to run by itself becomes a number of each run, with the spread that it shows: most runs
-    must differ, since a single one may be spoiled. Means are drawn towards that of all candidates, since there are few
-    runs.
+    What differs most from run to run by itself becomes a number of each run, with the spread that it shows; but
+    motors stay as they are. Means are drawn towards that of all
+    candidates, since there are few runs.
     """
+    motors = {c.key for c in contest.candidates if isinstance(c.hypothesis.effect, ActuatorEffect)}
     for _ in range(criteria.sizes.by_run):
         gains = _left_out(contest)
-        usual = {key: float(np.median([gain for gain, _ in own])) for key, own in gains.items()}
-        worst = max(usual, key=usual.__getitem__)
-        if usual[worst] < criteria.certain or len(contest.baseline) < 3:
+        means = {key: float(np.mean([gain for gain, _ in own])) for key, own in gains.items() if key not in motors}
+        worst = max(means, key=means.__getitem__)
+        if means[worst] < criteria.certain or len(contest.baseline) < 3:
             break
         candidate = contest.candidates[max(gains[worst])[1]]
         tested = [contest.test(candidate, [b for b in contest.baseline if b != r], [r]) for r in contest.baseline]

@@ -1,13 +1,16 @@
 """Words and numbers for people."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from math import floor, isfinite, log10
+from types import MappingProxyType
 
 from keycld_envs.effects import EFFECTS, Effect, ExternalPulse
 from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors, Unexplained, Verdict
 from keycld_model.rigid_body.residual_force import ResidualForce
+
+NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 def effect_name(effect: str) -> str:
@@ -120,7 +123,12 @@ def headline(verdict: Verdict, findings: Sequence[Finding], errors: FitErrors, u
 
 
 def changed_headline(
-    verdict: Verdict, findings: Sequence[Finding], errors: FitErrors, runs: int, perhaps: str | None = None
+    verdict: Verdict,
+    findings: Sequence[Finding],
+    errors: FitErrors,
+    runs: int,
+    perhaps: str | None = None,
+    seen: Mapping[str, str] = NOTHING,
 ) -> str:
     """What changed since a baseline, in one sentence.
 
@@ -130,6 +138,7 @@ def changed_headline(
         errors: of the report.
         runs: of the baseline.
         perhaps: an effect at its place that may have changed, where too little speaks for it.
+        seen: dry friction that would have been found, by joint, with its unit.
     """
     if not findings:
         if perhaps is not None:
@@ -139,8 +148,11 @@ def changed_headline(
             )
         if verdict == "undetermined":
             return "Some of the new recordings differ from the baseline, and others do not, or not in the same way."
+        sizes = " or ".join(f"{size} at {joint}" for joint, size in seen.items())
+        would = f" Of dry friction, {sizes} more would have been found." if seen else ""
         return (
             f"Nothing has changed: the recordings differ no more than the {runs} runs of the baseline among themselves."
+            f"{would}"
         )
     pushes = [f for f in findings if f.effect == ExternalPulse.id]
     what = _few(findings) if len(findings) < 3 else _many(findings)

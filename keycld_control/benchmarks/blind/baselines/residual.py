@@ -41,19 +41,32 @@ class ResidualTorque:
 
 
 def missing_torque(setup: Setup, recording: Recording) -> ResidualTorque:
-    """The torque that the refitted simulator lacks to move as recorded, by inverse dynamics."""
-    variant, simulator = setup.refitted.point.variant, setup.simulator
-    model = simulator.compile(variant)
+    """The torque that the refitted simulator lacks to move as recorded."""
+    variant = setup.refitted.point.variant
+    nuisances = zip(setup.refitted.problem.nuisances, variant.values, strict=True)
+    zero = np.array([value for nuisance, value in nuisances if nuisance.kind == "zero"])
+    return torque_lacking(setup.simulator.compile(variant), recording, setup.spacing, zero)
+
+
+def torque_lacking(
+    model: mujoco.MjModel, recording: Recording, spacing: float, zero: Array | float = 0.0, smooth: float = SMOOTH
+) -> ResidualTorque:
+    """The torque that a simulator lacks to move as recorded, by inverse dynamics.
+
+    Args:
+        model: the simulator.
+        recording: with joint positions.
+        spacing: of the even grid, s.
+        zero: of the encoders, rad or m.
+        smooth: seconds of the polynomials.
+    """
     data = mujoco.MjData(model)
-    zero = np.array(
-        [v for n, v in zip(setup.refitted.problem.nuisances, variant.values, strict=True) if n.kind == "zero"]
-    )
     t, q = np.asarray(recording.t_state), np.asarray(recording.qpos) - zero
-    grid = np.arange(t[0], t[-1], setup.spacing)
+    grid = np.arange(t[0], t[-1], spacing)
     q = np.stack([np.interp(grid, t[np.isfinite(y)], y[np.isfinite(y)]) for y in q.T], axis=1)
-    width = max(5, 2 * round(SMOOTH / setup.spacing / 2) + 1)
-    q, v, a = (np.asarray(savgol_filter(q, width, 3, deriv=d, delta=setup.spacing, axis=0), float) for d in range(3))
-    edges = np.append(grid, grid[-1] + setup.spacing) - 0.5 * setup.spacing
+    width = max(5, 2 * round(smooth / spacing / 2) + 1)
+    q, v, a = (np.asarray(savgol_filter(q, width, 3, deriv=d, delta=spacing, axis=0), float) for d in range(3))
+    edges = np.append(grid, grid[-1] + spacing) - 0.5 * spacing
     u, torque = average_commands(recording, edges), np.empty_like(q)
     x = np.linspace(-1, 1, width + 2)[1:-1]
     u = convolve1d(u, (1 - x**2) ** 2 / np.sum((1 - x**2) ** 2), axis=0)  # as the polynomials smooth accelerations

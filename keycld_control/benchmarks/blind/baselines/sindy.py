@@ -16,11 +16,12 @@ from keycld_control.benchmarks.blind.baselines.residual import (
     ResidualTorque,
     missing_torque,
 )
+from keycld_control.benchmarks.missing_package import MissingPackage
 from keycld_control.benchmarks.refitting import minimise
-from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 
-TERMS: dict[str, tuple[Law, str, str, float]] = {
+Terms = dict[str, tuple[Law, str, str, float]]
+TERMS: Terms = {
     "1": (lambda q, v, u: np.ones_like(q), "constant_force", "force", 0),
     "q": (lambda q, v, u: q, "spring", "force", -1),
     "sin q": (lambda q, v, u: np.sin(q), "gravity_tilt", "force", 0),
@@ -46,7 +47,7 @@ def sindy(training: Sequence[Recording], held_out: Sequence[Recording], model: m
     """One regression per joint; sparsity by the Bayesian criterion.
 
     Raises:
-        InputError: if PySINDy is not installed.
+        MissingPackage: if PySINDy is not installed.
     """
     setup = Setup.of(training, held_out, model)
     runs = [missing_torque(setup, r) for r in setup.training]
@@ -83,17 +84,33 @@ def sindy(training: Sequence[Recording], held_out: Sequence[Recording], model: m
     return setup.report("mismatch" if named else "no_mismatch", list(named.values()), corrected, fit.chi_square)
 
 
-def _regress(runs: Sequence[ResidualTorque], joint: int, motor: int, together: float) -> dict[str, float]:
-    """Active terms and their weights, N m or N; as many samples as were smoothed `together` count as one."""
+def features(runs: Sequence[ResidualTorque], joint: int, motor: int, terms: Terms = TERMS) -> tuple[list[str], Array]:
+    """Names of the terms at a joint, whose motor is -1 if it has none, and their values `[N, terms]`."""
+    q, v = (np.concatenate([getattr(r, key)[:, joint] for r in runs]) for key in ("q", "v"))
+    u = np.concatenate([r.u[:, motor] if motor >= 0 else np.zeros(len(r.q)) for r in runs])
+    names = [name for name in terms if not name.endswith("u") or np.ptp(u) > 0]
+    return names, np.stack([terms[name][0](q, v, u) for name in names], axis=1)
+
+
+def installed() -> Any:
+    """PySINDy.
+
+    Raises:
+        MissingPackage: if it is not installed.
+    """
     try:
         import pysindy
     except ImportError as error:
-        raise InputError("The method sindy needs PySINDy; install keycld[sindy].") from error
-    q, v, torque = (np.concatenate([getattr(r, key)[:, joint] for r in runs]) for key in ("q", "v", "torque"))
-    u = np.concatenate([r.u[:, motor] if motor >= 0 else np.zeros(len(r.q)) for r in runs])
-    names = [name for name in TERMS if name != "u" or np.ptp(u) > 0]
-    features = np.stack([TERMS[name][0](q, v, u) for name in names], axis=1)
-    size, scale = np.sqrt(np.mean(features**2, axis=0)), float(np.sqrt(np.mean(torque**2)))
+        raise MissingPackage("The method sindy needs PySINDy; install keycld[sindy].") from error
+    return pysindy
+
+
+def _regress(runs: Sequence[ResidualTorque], joint: int, motor: int, together: float) -> dict[str, float]:
+    """Active terms and their weights, N m or N; as many samples as were smoothed `together` count as one."""
+    pysindy = installed()
+    torque = np.concatenate([r.torque[:, joint] for r in runs])
+    names, values = features(runs, joint, motor)
+    size, scale = np.sqrt(np.mean(values**2, axis=0)), float(np.sqrt(np.mean(torque**2)))
     if scale == 0:
         return {}
     number = len(torque) / together
@@ -102,9 +119,9 @@ def _regress(runs: Sequence[ResidualTorque], joint: int, motor: int, together: f
         sparse = pysindy.STLSQ(threshold=threshold, alpha=1e-3, max_iter=50)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of thresholds that leave nothing
-            sparse.fit(features / size, (torque / scale)[:, None])
+            sparse.fit(values / size, (torque / scale)[:, None])
         weights = np.asarray(sparse.coef_)[0] * scale / size
-        left = np.mean((torque - features @ weights) ** 2)
+        left = np.mean((torque - values @ weights) ** 2)
         criterion = np.log(left) * number + np.log(number) * np.count_nonzero(weights)
         if criterion < best:
             best = criterion

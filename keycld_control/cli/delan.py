@@ -1,0 +1,236 @@
+"""Learn the dynamics of joints from logs of torques: Deep Lagrangian Networks and their rivals."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import OmitArgPrefixes, OmitSubcommandPrefixes, Positional, UseAppendAction, configure, subcommand
+
+from keycld_control.cli._compiled import keep_compiled
+from keycld_control.cli._output import print_result
+
+if TYPE_CHECKING:
+    from keycld_model.delan import Motions
+
+
+@dataclass(frozen=True)
+class Log:
+    """How to read the data.
+
+    Attributes:
+        time: of a log (.csv, .json, .mat, EPOS): column of the clock, as in `keycld import`.
+        joint: of a log: column of each joint's position, as JOINT=COLUMN.
+        velocity: of a log: column of each joint's measured velocity, as JOINT=COLUMN.
+        action: of a log: column of each joint's torque, as JOINT=COLUMN.
+        unit: of a log: units of columns that are not in s, rad, rad/s and N m, as COLUMN=UNIT.
+        slide: of an .npz archive: names of joints that slide, of joint_1, joint_2 and so on.
+        radians: of an .npz archive: positions are in radians, although a joint turns more than twice.
+    """
+
+    time: str | None = None
+    joint: UseAppendAction[tuple[str, ...]] = ()
+    velocity: UseAppendAction[tuple[str, ...]] = ()
+    action: UseAppendAction[tuple[str, ...]] = ()
+    unit: UseAppendAction[tuple[str, ...]] = ()
+    slide: UseAppendAction[tuple[str, ...]] = ()
+    radians: bool = False
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a joint model. Run again with the same settings, it continues where it stopped.
+
+    Attributes:
+        data: Archive of arrays (.npz: qp, tau, and any of t, qv, qa, labels, lengths), folder of recordings, one
+            recording, or a log with --time, --joint and --action.
+        out: Folder for the checkpoint and the log.
+        model: Family of the model.
+        friction: Effects at every joint: viscous_friction, coulomb_friction, stribeck_friction, quadratic_drag.
+        test: Names of motions that are held out for the figures at the end, parted by commas, for instance e,q,v; by
+            default, the figures are of those that say when to stop.
+        validation: Share of the other motions that says when to stop.
+        seed: Seed of initialisation and division.
+        log: How to read the data.
+        json: Print one JSON object.
+    """
+
+    data: Positional[Path]
+    out: Path
+    model: Literal["structured", "black_box", "hamiltonian", "feed_forward"] = "structured"
+    friction: UseAppendAction[tuple[str, ...]] = ()
+    test: str = ""
+    validation: float = 0.15
+    seed: int = 0
+    log: Log = Log()
+    json: bool = False
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Score a joint model on motions.
+
+    Attributes:
+        checkpoint: Folder that `keycld delan train` wrote.
+        data: Archive, recordings or log, as for `keycld delan train`.
+        only: Names of motions, parted by commas; by default all.
+        log: How to read the data.
+        json: Print one JSON object.
+    """
+
+    checkpoint: Positional[Path]
+    data: Path
+    only: str = ""
+    log: Log = Log()
+    json: bool = False
+
+
+@dataclass(frozen=True)
+class Paper:
+    """Train and measure all models on the characters of the papers, and write a page and a table.
+
+    Run again, it goes on where it stopped; the page holds what is known so far after every call.
+
+    Attributes:
+        out: Folder of the report.
+        data: The characters, character_data.npz.
+        model: Families, repeatable; by default all.
+        seeds: Seeds of training per model.
+        characters: Numbers of characters to learn from, repeatable; by default all, and 2, 4 and 8 for the first seed.
+        only_report: Write the report from what is there; train and measure nothing.
+        json: Print one JSON object.
+    """
+
+    out: Path
+    data: Path
+    model: UseAppendAction[tuple[str, ...]] = ()
+    seeds: int = 5
+    characters: UseAppendAction[tuple[int, ...]] = ()
+    only_report: bool = False
+    json: bool = False
+
+
+@configure(OmitArgPrefixes, OmitSubcommandPrefixes)
+@dataclass(frozen=True)
+class Args:
+    """Learn the dynamics of joints from logs of torques."""
+
+    command: (
+        Annotated[Train, subcommand("train")]
+        | Annotated[Evaluate, subcommand("evaluate")]
+        | Annotated[Paper, subcommand("paper")]
+    )
+
+
+def run(args: Args) -> None:
+    """Train, evaluate, or write the report."""
+    keep_compiled()
+    if isinstance(args.command, Train):
+        _train(args.command)
+    elif isinstance(args.command, Evaluate):
+        _evaluate(args.command)
+    else:
+        _paper(args.command)
+
+
+def _train(args: Train) -> None:
+    from keycld_model.delan import train
+    from keycld_model.delan.baseline import fit_baseline, verdict
+    from keycld_model.delan.measures import score
+
+    motions = _read(args.data, args.log)
+    rest, test = motions.hold_out(_names(args.test)) if args.test else (motions, None)
+    result = train(rest, args.out, args.model, args.friction, args.seed, args.validation)
+    learned, held_out = rest.split(args.validation, args.seed)
+    judged = held_out if test is None else test
+    network, baseline = score(result.model, judged), score(fit_baseline(learned, args.friction), judged)
+    summary: dict[str, Any] = {
+        "checkpoint": result.folder,
+        "model": args.model,
+        "motions": {"learned": len(learned), "validation": len(held_out), "test": 0 if test is None else len(test)},
+        "iterations": result.iterations,
+        "seconds": round(result.seconds, 1),
+        "validation_error": result.validation_error,
+        "friction": {f"{e.id} at {e.where}": _numbers(e) for e in result.model.effects},
+        "scores": asdict(network),
+        "least_squares": asdict(baseline),
+        "verdict": verdict(network, baseline),
+    }
+    _print(summary, args.json)
+
+
+def _evaluate(args: Evaluate) -> None:
+    from keycld_model import JointModel
+    from keycld_model.delan.measures import check_joints, score
+    from keycld_model.delan.speed import inverse_dynamics_per_second
+
+    model, motions = JointModel.load(args.checkpoint), _read(args.data, args.log)
+    check_joints(model, motions)
+    if args.only:
+        motions = motions.chosen(_names(args.only))
+    summary = {
+        "model": model.config.family,
+        "motions": len(motions),
+        "scores": asdict(score(model, motions)),
+        "inverse_dynamics_per_second": round(inverse_dynamics_per_second(model, motions)),
+    }
+    _print(summary, args.json)
+
+
+def _paper(args: Paper) -> None:
+    from keycld_control.delan.plan import trainings
+    from keycld_control.delan.report import write_report
+    from keycld_control.delan.work import results, work_off
+    from keycld_envs.errors import InputError
+
+    if args.seeds < 1:
+        raise InputError(f"seeds is {args.seeds}; it must be at least 1.")
+    planned = trainings(args.model, args.seeds, args.characters)
+    if not args.only_report:
+        work_off(args.out, args.data, planned)
+    found = results(args.out)
+    if not found:
+        raise InputError(f"{args.out} holds no results; run without --only-report.")
+    write_report(args.out, args.data, found)
+    summary = {"models": len(found), "planned": len(planned), "report": args.out / "report.html"}
+    print_result(summary, as_json=args.json)
+
+
+def _read(path: Path, log: Log) -> "Motions":
+    from keycld_control.cli._pairs import pairs
+    from keycld_envs.errors import InputError
+    from keycld_envs.recordings.importers import Columns, assemble, read_log
+    from keycld_model.delan import motions_of, read_motions
+
+    if path.suffix == ".npz" or path.is_dir() or not path.exists():
+        return read_motions(path, log.slide, log.radians)
+    if log.time is None or not log.joint or not log.action:
+        raise InputError(f"{path} is a log; name its columns with --time, --joint and --action (the torques).")
+    table, units = read_log(path)
+    joints, actions = pairs("--joint", log.joint), pairs("--action", log.action, example="hinge=torque")
+    units = units | pairs("--unit", log.unit)
+    recording = assemble(
+        table, Columns(log.time, joints, pairs("--velocity", log.velocity), actions, units=units), path.stem
+    )
+    return motions_of(str(path), [recording])
+
+
+def _names(words: str) -> list[str]:
+    return [name.strip() for name in words.split(",") if name.strip()]
+
+
+def _numbers(effect: Any) -> dict[str, float]:
+    return {p.name: getattr(effect, p.name) for p in effect.parameters()}
+
+
+def _print(summary: dict[str, Any], as_json: bool) -> None:
+    """Scores beside each other for people."""
+    if as_json:
+        print_result(summary, as_json=True)
+        return
+    scores = summary.pop("scores")
+    others = summary.pop("least_squares", None)
+    for name, value in scores.items():
+        summary[name] = value if others is None else {"network": value, "least squares": others[name]}
+    if "verdict" in summary:
+        summary["verdict"] = summary.pop("verdict")
+    print_result(summary, as_json=False)

@@ -1,0 +1,1 @@
+"""The character experiment of the papers on Deep Lagrangian Networks, anew."""
