@@ -113,7 +113,7 @@ class Criteria:
     pulse: float = 20.0
     pulse_windows: int = 2
     pulse_share: float = 0.7
-    false_push: float = 0.02
+    false_push: float = 0.05
     pushed: float = 0.3
     idealised_share: float = 0.02
     residual_force: float = 15.0
