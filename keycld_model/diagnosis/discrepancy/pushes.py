@@ -82,7 +82,8 @@ class Pushes:
         own_precision: `[K]` of it.
         target: `[W, S, nv]` forces that those values leave, N m or N.
         scale: `[nv]` usual size of what nothing explains, N m or N.
-        held: `[W, S, nv]` dry friction where joints rest, which may hold any force up to its own, N m or N.
+        held: `[W, S, nv]` standard deviation of dry friction where joints rest: it holds any force up to its own, alike,
+            N m or N.
         circumstances: `[W, S, F]` squares with which it grows.
         baseline: recordings.
         new: the others.
@@ -139,7 +140,7 @@ class Pushes:
             np.where(np.isfinite(known), known, np.maximum(expected, 1e-12)) ** -2.0,
             target,
             discrepancy.force,
-            friction[:, None] * resting(whole.v),
+            friction[:, None] * resting(whole.v) / np.sqrt(3),
             _circumstances(whole),
             tuple(numbers[:baseline].tolist()),
             tuple(numbers[baseline:].tolist()),
@@ -206,16 +207,16 @@ class Pushes:
         x = np.concatenate([self.columns[at], extra], axis=-1)
         y, rows = self.target[at], x[inside]
         precision = np.concatenate([self.precision, self.own_precision, np.zeros(changed.shape[-1])])
-        weights = np.ones((len(rows), nv))
+        weights, scale = np.ones((len(rows), nv)), np.maximum(self.scale, y[inside].std(axis=0))
         for _ in range(12):
-            flat = (rows * (np.sqrt(weights) / self.scale)[..., None]).reshape(-1, rows.shape[-1])
-            right = (y[inside] * np.sqrt(weights) / self.scale).ravel()
+            flat = (rows * (np.sqrt(weights) / scale)[..., None]).reshape(-1, rows.shape[-1])
+            right = (y[inside] * np.sqrt(weights) / scale).ravel()
             normal = STEP / CORRELATED * flat.T @ flat + np.diag(precision)
             size = np.sqrt(np.diag(normal) + 1e-300)
             values = np.linalg.lstsq(normal / size[:, None] / size, STEP / CORRELATED * flat.T @ right / size)[0] / size
             left = y - x @ values
-            most = np.maximum(self.scale, 1.48 * np.median(np.abs(left[inside]), axis=0))  # at first, pushes bend all
-            weights = (1 + (left[inside] / (2 * most)) ** 2) ** -2
+            scale = np.maximum(self.scale, 1.48 * np.median(np.abs(left[inside]), axis=0))  # at first, pushes bend all
+            weights = (1 + (left[inside] / (2 * scale)) ** 2) ** -2
         return dict(zip(at, left, strict=True))
 
     def _peaks(self, number: int, stands: Standing, least: Array) -> list[Push]:
