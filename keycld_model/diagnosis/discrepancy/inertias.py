@@ -107,22 +107,23 @@ def inertial_columns(motion: Motion, criteria: Criteria, held: bool) -> list[tup
 def with_own_masses(
     motion: Motion, values: Mapping[str, float], criteria: Criteria, near: float
 ) -> mujoco.MjModel | None:
-    """The simulator with what was found of its inertial numbers; None if its own are near enough.
+    """The simulator with what was found of its inertial numbers; None if its own are near enough, or larger.
+
+    Noise of accelerations takes masses away, and never adds to them, so that masses that fall are not believed.
 
     Args:
         motion: along which forces are compared.
         values: of the numbers, by their names.
         criteria: what is expected of them.
-        near: share of the forces at a joint by which those of the simulator may be off.
+        near: share of the simulator's forces at a joint that may be needed beyond them.
     """
     after = copy.copy(motion.model)
     for number in inertials(motion.model, criteria):
         most = np.inf if number.of_rotor else FACTOR
         number.change(after, float(np.clip(values.get(number.name, 0.0), 1 / most - 1, most - 1)))
     mujoco.mj_setConst(after, mujoco.MjData(after))
-    before, now = (_needed(motion, model)[0] for model in (motion.model, after))
-    size, change = (np.sqrt(np.mean(x**2, axis=(0, 1))) for x in (before, now - before))
-    return after if np.any(change > near * size) else None
+    before, now = (np.sqrt(np.mean(_needed(motion, m)[0] ** 2, axis=(0, 1))) for m in (motion.model, after))
+    return after if np.any(now > (1 + near) * before) else None
 
 
 def _needed(motion: Motion, model: mujoco.MjModel) -> tuple[Array, Array]:

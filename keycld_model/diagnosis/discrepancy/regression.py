@@ -147,6 +147,7 @@ def regression(motion: Motion, terms: Sequence[Term], others: Array, baseline: M
         problem = replace(problem, weights=solved.weights)
     share = _shares(motion, terms, found)
     usual = np.exp(np.mean(np.log(share[baseline])))  # terms of one run explain more of it than those of all
+    share = np.minimum(share, share[baseline].max())  # what changed is no roughness
     found = replace(found, share=share / usual)
     return problem.regression(found, others), found
 
