@@ -82,8 +82,8 @@ class Pushes:
         own_precision: `[K]` of it.
         target: `[W, S, nv]` forces that those values leave, N m or N.
         scale: `[nv]` usual size of what nothing explains, N m or N.
-        held: `[W, S, nv]` standard deviation of dry friction where joints rest: it holds any force up to its own, alike,
-            N m or N.
+        held: `[W, S, nv]` standard deviation of dry friction where joints rest, which is any force up to its own, N m
+            or N.
         circumstances: `[W, S, F]` squares with which it grows.
         baseline: recordings.
         new: the others.
