@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -61,6 +62,10 @@ def test_pushes_are_scored_by_overlap_joint_and_samples() -> None:
     assert wrong.auc is not None and wrong.auc < 0.5
     weak = pushes.score(report(("shoulder", 1.9, 2.1, 0.1)), "run", t, torques, 0.2)
     assert (weak.overlaps, weak.false) == ([0.0], 0)  # it need not be found, and is there
+    elsewhere = report(("shoulder", a, b, 0.5))
+    elsewhere = replace(elsewhere, findings=[replace(f, when_by_recording={"run": f.when}) for f in elsewhere.findings])
+    assert pushes.score(elsewhere, "run", t, torques, 0.2).overlaps == [1.0]
+    assert pushes.score(elsewhere, "another run", t, torques, 0.2).overlaps == [0.0]
     none = {joint: np.zeros_like(t) for joint in torques}
     assert pushes.score(report(), "run", t, none, 0.2) == pushes.PushScore([], 0, None)
 

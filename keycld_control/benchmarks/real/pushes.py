@@ -47,7 +47,8 @@ def found_windows(report: Report, recording: str, joint: str) -> list[tuple[Span
     out = []
     for finding in report.findings:
         if finding.effect == "external_pulse" and finding.where["name"] == joint:
-            spans = (finding.when_by_recording or {}).get(recording, finding.when or ())
+            by_recording = finding.when_by_recording
+            spans = finding.when or () if by_recording is None else by_recording.get(recording, ())
             out += [((float(a), float(b)), finding.parameters["f"].value) for a, b in spans]
     return out
 
