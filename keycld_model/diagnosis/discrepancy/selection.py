@@ -268,20 +268,20 @@ def _possible(difference: Difference) -> bool:
 def between_runs(contest: Contest, criteria: Criteria) -> dict[Key, float]:
     """Nats of each candidate when one run of the baseline after the other is taken for new, in the mean.
 
-    What differs most from run to run by itself becomes a number of each run, with the spread that it shows; but
-    motors stay as they are. Means are drawn towards that of all
-    candidates, since there are few runs.
+    What differs most from run to run by itself becomes a number of each run, with the spread that it shows in most; but
+    motors stay as they are, and so does what needs several numbers, which make up for each other. Means are drawn
+    towards that of all candidates, since there are few runs.
     """
-    motors = {c.key for c in contest.candidates if isinstance(c.hypothesis.effect, ActuatorEffect)}
+    steady = {c.key for c in contest.candidates if isinstance(c.hypothesis.effect, ActuatorEffect) or c.columns[1:]}
     for _ in range(criteria.sizes.by_run):
         gains = _left_out(contest)
-        means = {key: float(np.mean([gain for gain, _ in own])) for key, own in gains.items() if key not in motors}
+        means = {key: float(np.mean([gain for gain, _ in own])) for key, own in gains.items() if key not in steady}
         worst = max(means, key=means.__getitem__)
         if means[worst] < criteria.certain or len(contest.baseline) < 3:
             break
         candidate = contest.candidates[max(gains[worst])[1]]
         tested = [contest.test(candidate, [b for b in contest.baseline if b != r], [r]) for r in contest.baseline]
-        size = np.mean([d.values**2 for d in tested], axis=0)
+        size = np.median([d.values**2 for d in tested], axis=0)  # one run may be unlike the others
         p = contest.regression.shared.shape[2]
         contest.by_run += [(p + i, 1 / max(float(v), 1e-12)) for i, v in zip(candidate.columns, size, strict=True)]
     gains, few = _left_out(contest), 3
