@@ -112,7 +112,8 @@ def compare(
         given = []
     selection, changes, next_best, inconsistent = looked.beside(given, advance)
     if pushes and given and changes:  # which may be what seemed to be pushes
-        again = pushes.found([c.effect for c in changes])
+        alone = len(recordings) == 1  # then nothing tells a push from what the form of a change leaves
+        again = [] if alone else pushes.found([c.effect for c in changes])
         if looked.pushed(again).tolist() != looked.pushed(given).tolist():
             selection, changes, next_best, inconsistent = looked.beside(again, lambda *_: None)
         given = again
