@@ -17,7 +17,8 @@ ORDER = 3
 PER_BAND = 4.0
 """Samples that stay, per period of the band's edge: what the filter leaves at half their rate is below 2 %."""
 PERIODS = 4.0
-"""Periods of the band's edge that a motion must last at least: the filter is uncertain for one at each end."""
+"""Periods of the band's edge that a motion must last at least: at each end, the filter is uncertain for one, which is
+left out."""
 
 
 def low_pass(where: str, id: str, t: Floats, q: Floats, v: Floats | None, tau: Floats, band: float) -> Motion:
@@ -70,4 +71,5 @@ def low_pass(where: str, id: str, t: Floats, q: Floats, v: Floats | None, tau: F
     low_v = slope(low_q) if v is None else below(measured)
     stds = (gains[0] * noise, gains[1] * noise) if v is None else (np.zeros_like(noise), gains[0] * noise)
     motion = Motion(id, clock, low_q, low_v, slope(low_v), below(steady(tau)), *stds)
-    return motion.part(slice(None, None, max(1, int(rate / (PER_BAND * band)))), id)
+    ends = int(rate / band)
+    return motion.part(slice(ends, len(clock) - ends, max(1, int(rate / (PER_BAND * band)))), id)
