@@ -45,9 +45,11 @@ def errors(results: Sequence[Result], group: Group, model: str, measure: str = "
 
 
 def winners(results: Sequence[Result]) -> list[dict[str, Any]]:
-    """The best model of each group by torques, and by rollouts; means over seeds."""
+    """The best model of each group by torques, and by rollouts; means over seeds. One model alone wins nothing."""
     found = []
     for group in groups(results):
+        if sum(bool(errors(results, group, model)) for model in TITLES) < 2:
+            continue
         best = {}
         for measure in ("torque", "rollout"):
             means = {m: np.mean(e) for m in TITLES if (e := errors(results, group, m, measure))}
@@ -59,13 +61,14 @@ def winners(results: Sequence[Result]) -> list[dict[str, Any]]:
 def real_table(results: Sequence[Result]) -> Table:
     """Errors on held-out recordings; the best of a row is bold."""
     models = [m for m in TITLES if any(r["model"] == m for r in results)]
+    best_of = {(best["rig"], best["share"], best["band"]): best for best in winners(results)}
     rows = []
-    for group, best in zip(groups(results), winners(results), strict=True):
-        cells = []
+    for group in groups(results):
+        best, cells = best_of.get(group, {}), []
         for model in models:
             torque, rollout = (errors(results, group, model, measure) for measure in ("torque", "rollout"))
             texts = [
-                f"**{text}**" if best[measure] == model else text
+                f"**{text}**" if best.get(measure) == model else text
                 for measure, text in (("torque", _mean(torque, "{:.3f}")), ("rollout", _mean(rollout, "{:.0f}")))
             ]
             cells.append(", ".join(texts))

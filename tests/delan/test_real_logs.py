@@ -134,7 +134,7 @@ def test_real_goes_on_where_it_stopped(tmp_path: Path, capsys: pytest.CaptureFix
     out = tmp_path / "out"
     words = ["delan", "real", str(tmp_path / "data"), "--out", str(out), "--json", "--rig", "simple pendulum"]
     assert main([*words, "--model", "least_squares", "--share", "1"]) == 0
-    assert json.loads(capsys.readouterr().out)["winners"][0]["torque"] == "least_squares"
+    assert json.loads(capsys.readouterr().out)["winners"] == []  # alone
     first = results(out)
     assert first[0]["torque_share"] < 1e-3  # the band passes a sine of a sum otherwise than the sum
     assert first[0]["friction"]["viscous_friction at hinge"]["b"] == pytest.approx(B, rel=0.02)
