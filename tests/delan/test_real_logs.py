@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -108,7 +109,8 @@ def test_trials_are_distinct_and_wrong_names_refused() -> None:
     planned = trials(seeds=2)
     assert len(set(planned)) == len(planned) == len({trial.name for trial in planned})
     assert {trial.share for trial in planned} == {1.0, 0.25}
-    for words in ({"rigs": ["x"]}, {"models": ["x"]}, {"shares": [0.0]}, {"seeds": 0}, {"band": 0.0}):
+    wrong: list[dict[str, Any]] = [{"rigs": ["x"]}, {"models": ["x"]}, {"shares": [0.0]}, {"seeds": 0}, {"band": 0.0}]
+    for words in wrong:
         with pytest.raises(InputError):
             trials(**words)
 
