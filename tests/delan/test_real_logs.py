@@ -19,7 +19,7 @@ from keycld_model.delan.filtering import low_pass
 
 from .conftest import INERTIA, WEIGHT, B, waves
 
-T = 0.002 * np.arange(4000)
+T = np.asarray(0.002 * np.arange(4000), np.float64)
 
 
 def slow(seed: int) -> tuple[np.ndarray, ...]:
