@@ -25,6 +25,7 @@ class Log:
         unit: of a log: units of columns that are not in s, rad, rad/s and N m, as COLUMN=UNIT.
         slide: of an .npz archive: names of joints that slide, of joint_1, joint_2 and so on.
         radians: of an .npz archive: positions are in radians, although a joint turns more than twice.
+        band: of recordings and logs: all signals are low-passed at this frequency, Hz, below that of vibrating links.
     """
 
     time: str | None = None
@@ -34,6 +35,7 @@ class Log:
     unit: UseAppendAction[tuple[str, ...]] = ()
     slide: UseAppendAction[tuple[str, ...]] = ()
     radians: bool = False
+    band: float | None = None
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,35 @@ class Paper:
     json: bool = False
 
 
+@dataclass(frozen=True)
+class Real:
+    """Train and measure all models on logs of other people's robots, on recordings that no model has seen.
+
+    Run again, it goes on where it stopped; the table holds what is known so far after every call.
+
+    Attributes:
+        data: Folder with the data sets; see docs/real-data.md.
+        out: Folder of the results.
+        rig: Robots, repeatable; by default all.
+        model: Families, repeatable; by default all.
+        share: Shares of each training recording, from its start, repeatable; by default 1 and 0.25.
+        seeds: Seeds of training per model.
+        band: Hz, at which all signals are low-passed; links of these robots vibrate at 8 to 12.
+        only_report: Write the table from what is there; train and measure nothing.
+        json: Print one JSON object.
+    """
+
+    data: Positional[Path]
+    out: Path
+    rig: UseAppendAction[tuple[str, ...]] = ()
+    model: UseAppendAction[tuple[str, ...]] = ()
+    share: UseAppendAction[tuple[float, ...]] = ()
+    seeds: int = 1
+    band: float = 6.0
+    only_report: bool = False
+    json: bool = False
+
+
 @configure(OmitArgPrefixes, OmitSubcommandPrefixes)
 @dataclass(frozen=True)
 class Args:
@@ -118,18 +149,21 @@ class Args:
         Annotated[Train, subcommand("train")]
         | Annotated[Evaluate, subcommand("evaluate")]
         | Annotated[Paper, subcommand("paper")]
+        | Annotated[Real, subcommand("real")]
     )
 
 
 def run(args: Args) -> None:
-    """Train, evaluate, or write the report."""
+    """Train, evaluate, or write a report."""
     keep_compiled()
     if isinstance(args.command, Train):
         _train(args.command)
     elif isinstance(args.command, Evaluate):
         _evaluate(args.command)
-    else:
+    elif isinstance(args.command, Paper):
         _paper(args.command)
+    else:
+        _real(args.command)
 
 
 def _train(args: Train) -> None:
@@ -195,6 +229,22 @@ def _paper(args: Paper) -> None:
     print_result(summary, as_json=args.json)
 
 
+def _real(args: Real) -> None:
+    from keycld_control.delan.real import results, trials, work_off
+    from keycld_control.delan.real_table import winners, write_table
+    from keycld_envs.errors import InputError
+
+    planned = trials(args.rig, args.model, args.share, args.seeds, args.band)
+    if not args.only_report:
+        work_off(args.out, args.data, planned)
+    found = results(args.out)
+    if not found:
+        raise InputError(f"{args.out} holds no results; run without --only-report.")
+    write_table(args.out, found)
+    summary = {"models": len(found), "winners": winners(found), "table": args.out / "real.md"}
+    print_result(summary, as_json=args.json)
+
+
 def _read(path: Path, log: Log) -> "Motions":
     from keycld_control.cli._pairs import pairs
     from keycld_envs.errors import InputError
@@ -202,7 +252,7 @@ def _read(path: Path, log: Log) -> "Motions":
     from keycld_model.delan import motions_of, read_motions
 
     if path.suffix == ".npz" or path.is_dir() or not path.exists():
-        return read_motions(path, log.slide, log.radians)
+        return read_motions(path, log.slide, log.radians, log.band)
     if log.time is None or not log.joint or not log.action:
         raise InputError(f"{path} is a log; name its columns with --time, --joint and --action (the torques).")
     table, units = read_log(path)
@@ -211,7 +261,7 @@ def _read(path: Path, log: Log) -> "Motions":
     recording = assemble(
         table, Columns(log.time, joints, pairs("--velocity", log.velocity), actions, units=units), path.stem
     )
-    return motions_of(str(path), [recording])
+    return motions_of(str(path), [recording], log.band)
 
 
 def _names(words: str) -> list[str]:

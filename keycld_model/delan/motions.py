@@ -123,7 +123,7 @@ class Motions:
         Raises:
             InputError: if the fraction leaves none on one side.
         """
-        whole = self if len(self) > 1 else self._cut()
+        whole = self if len(self) > 1 else self.cut()
         number = max(1, round(validation * len(whole)))
         if not 0 < validation < 1 or number >= len(whole):
             raise InputError(f"validation is {validation:g}; it must leave some of {len(whole)} motions on both sides.")
@@ -158,9 +158,22 @@ class Motions:
     def _chosen(self, chosen: Sequence[bool]) -> "Motions":
         return replace(self, motions=tuple(m for m, take in zip(self.motions, chosen, strict=True) if take))
 
-    def _cut(self) -> "Motions":
-        motion, length = self.motions[0], len(self.motions[0].t) // CUTS
-        if not length:
-            raise InputError(f"{self.source} holds {len(motion.t)} samples; {CUTS} are the least.")
-        cuts = [slice(i * length, (i + 1) * length) for i in range(CUTS)]
-        return replace(self, motions=tuple(motion.part(cut, f"{motion.id}/{i}") for i, cut in enumerate(cuts)))
+    def cut(self, parts: int = CUTS) -> "Motions":
+        """Each motion in parts of equal length.
+
+        Raises:
+            InputError: if a motion has fewer samples.
+        """
+        pieces = []
+        for motion in self.motions:
+            length = len(motion.t) // parts
+            if not length:
+                raise InputError(f"{self.source} holds {len(motion.t)} samples; {parts} are the least.")
+            cuts = [slice(i * length, (i + 1) * length) for i in range(parts)]
+            pieces += [motion.part(cut, f"{motion.id}/{i}") for i, cut in enumerate(cuts)]
+        return replace(self, motions=tuple(pieces))
+
+    def beginning(self, share: float) -> "Motions":
+        """The first part of each motion, a share of its samples."""
+        parts = [motion.part(slice(max(1, round(share * len(motion.t)))), motion.id) for motion in self.motions]
+        return replace(self, motions=tuple(parts))

@@ -12,6 +12,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.reading import read_arrays
 from keycld_envs.recordings import Recording, read_dataset, read_recording
 from keycld_model.delan.config import Kind
+from keycld_model.delan.filtering import low_pass
 from keycld_model.delan.motions import Motion, Motions
 from keycld_model.delan.smoothing import Smoothed, smooth
 
@@ -29,7 +30,9 @@ TORQUES = ("N m", "N")
 """Units of commands that are torques."""
 
 
-def read_motions(path: str | os.PathLike[str], slides: Sequence[str] = (), radians: bool = False) -> Motions:
+def read_motions(
+    path: str | os.PathLike[str], slides: Sequence[str] = (), radians: bool = False, band: float | None = None
+) -> Motions:
     """Read motions of joints.
 
     Args:
@@ -38,17 +41,20 @@ def read_motions(path: str | os.PathLike[str], slides: Sequence[str] = (), radia
             recordings; or one recording.
         slides: names of joints that slide, for archives, which call joints joint_1, joint_2 and so on.
         radians: positions of an archive are in radians, although they may as well be degrees.
+        band: Hz, below which signals of recordings are looked at; see `motions_of`.
 
     Raises:
         InputError: if there is no such file, or something is missing or makes no sense.
     """
     path = Path(path)
     if path.suffix == ".npz":
+        if band is not None:
+            raise InputError(f"{path} is an archive, which is taken as it is; name a band for recordings and logs.")
         return _archive(path, slides, radians)
     if (path / "meta.json").is_file():
-        return motions_of(str(path), [read_recording(path)])
+        return motions_of(str(path), [read_recording(path)], band)
     if path.is_dir():
-        return motions_of(str(path), read_dataset(path).recordings)
+        return motions_of(str(path), read_dataset(path).recordings, band)
     raise InputError(
         f"{path} is neither an .npz archive nor a folder of recordings; `keycld import` makes a recording of a log."
     )
@@ -106,8 +112,14 @@ def _numbers(path: Path, name: str, arrays: Mapping[str, NDArray]) -> Floats:
     return array.astype(np.float64)
 
 
-def motions_of(source: str, recordings: Sequence[Recording]) -> Motions:
+def motions_of(source: str, recordings: Sequence[Recording], band: float | None = None) -> Motions:
     """Motions of recordings; actions are torques, and reach samples as their mean around each.
+
+    Args:
+        source: of the recordings, for messages.
+        recordings: of the same joints.
+        band: Hz; if given, all signals are low-passed there, and accelerations follow from what is left. For links
+            that vibrate; see `filtering`.
 
     Raises:
         InputError: if joints, torques or units are missing or differ, or rates are too low for accelerations.
@@ -125,6 +137,9 @@ def motions_of(source: str, recordings: Sequence[Recording]) -> Motions:
         q = recording.qpos[keep]
         v = None if recording.qvel is None or np.isnan(recording.qvel[keep]).any() else recording.qvel[keep]
         tau = _torques(where, recording, t)
+        if band is not None:
+            motions.append(low_pass(where, recording.id, t, q, v, tau, band))
+            continue
         motion = _motion(where, recording.id, t, q, v, None, tau, joints, {})
         motions.append(motion.part(np.flatnonzero(np.isfinite(q).all(axis=1)), recording.id))
     kinds: tuple[Kind, ...] = tuple(_kind(first, j) for j in range(len(joints)))

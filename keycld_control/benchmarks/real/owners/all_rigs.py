@@ -10,7 +10,7 @@ from keycld_control.benchmarks.real.owners.versus import OwnersRig
 from keycld_control.benchmarks.real.rigs import named_rig
 
 
-def _parted(files: Sequence[RecordingFile]) -> tuple[list[RecordingFile], list[RecordingFile]]:
+def parted(files: Sequence[RecordingFile]) -> tuple[list[RecordingFile], list[RecordingFile]]:
     """To learn from, and every third, from the second on, to test on."""
     held_out = list(files[1::3])
     return [file for file in files if file not in held_out], held_out
@@ -23,17 +23,17 @@ def owners_rigs() -> dict[str, OwnersRig]:
         *(
             OwnersRig(
                 f"double pendulum {design}",
-                *_parted(named_rig(f"double_pendulum_{design.replace('.', '')}").files["identification"]),
+                *parted(named_rig(f"double_pendulum_{design.replace('.', '')}").files["identification"]),
                 partial(double_pendulum.owners_models, design=design),
             )
             for design in double_pendulum.MODELS
         ),
         OwnersRig(
             "simple pendulum",
-            *_parted(named_rig("simple_pendulum").files["untouched"]),
+            *parted(named_rig("simple_pendulum").files["untouched"]),
             simple_pendulum.owners_models,
         ),
-        OwnersRig("servo xl330", *_parted([servo.log_file(name) for name in servo.LOGS]), servo_friction.owners_models),
+        OwnersRig("servo xl330", *parted([servo.log_file(name) for name in servo.LOGS]), servo_friction.owners_models),
         OwnersRig(
             "multiarm pendulum", list(decay["identification"]), list(decay["validation"]), multiarm.owners_models
         ),

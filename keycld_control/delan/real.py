@@ -1,0 +1,150 @@
+"""All joint models on the logs of other people's robots; every model leaves a line, so that nothing is done twice."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from keycld_control.benchmarks.json_lines import add_line, read_lines
+from keycld_control.benchmarks.unfinished import finish
+from keycld_control.delan.logs import all_logs
+from keycld_control.delan.plan import TITLES
+from keycld_control.delan.rollouts import rollouts
+from keycld_envs.errors import InputError
+from keycld_model.delan import JointModel, Motions, train
+from keycld_model.delan.baseline import fit_baseline
+from keycld_model.delan.measures import score
+
+SCHEMA, FILE = "keycld.delan-real/1", "results.jsonl"
+BAND = 6.0
+"""Hz: links of the double pendulum vibrate at 8 to 12 (docs/notebook/2026-11-25-vibrations.md)."""
+SHARES = (1.0, 0.25)
+"""Of each training recording, from its start, as if it had been stopped there."""
+FRICTION = ("viscous_friction", "coulomb_friction")
+"""Of every model but feed-forward networks, which learn it: no Lagrangian or Hamiltonian has any."""
+
+
+@dataclass(frozen=True, order=True)
+class Trial:
+    """One model to be trained and measured.
+
+    Attributes:
+        rig: name of `logs.all_logs`.
+        model: preset, or "least_squares".
+        share: of each training recording.
+        seed: of initialisation, and of the tenths of recordings that say when to stop.
+        band: Hz, of all signals.
+    """
+
+    rig: str
+    model: str
+    share: float = 1.0
+    seed: int = 0
+    band: float = BAND
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return f"{self.rig.replace(' ', '-')}-{self.model}-{self.share:g}-{self.seed}-{self.band:g}Hz"
+
+
+def trials(
+    rigs: Sequence[str] = (),
+    models: Sequence[str] = (),
+    shares: Sequence[float] = (),
+    seeds: int = 1,
+    band: float = BAND,
+) -> list[Trial]:
+    """All combinations; by default of everything.
+
+    Raises:
+        InputError: if a name is unknown, or a number out of range.
+    """
+    for option, names, known in (("--rig", rigs, list(all_logs())), ("--model", models, list(TITLES))):
+        if unknown := [name for name in names if name not in known]:
+            raise InputError(f"{option} names {unknown[0]!r}; there are {', '.join(known)}.")
+    if bad := [share for share in shares if not 0 < share <= 1]:
+        raise InputError(f"--share is {bad[0]:g}; it must be above 0, and 1 at most.")
+    if seeds < 1 or not band > 0:
+        raise InputError(f"--seeds is {seeds} and --band {band:g}; seeds must be 1 or more, and the band positive.")
+    return [
+        Trial(rig, model, share, seed, band)
+        for rig in rigs or all_logs()
+        for share in shares or SHARES
+        for model in models or TITLES
+        for seed in range(1 if model == "least_squares" else seeds)
+    ]
+
+
+def work_off(out: Path, data: Path, planned: Sequence[Trial]) -> None:
+    """Do what is missing.
+
+    Raises:
+        InputError: if a file is missing or damaged.
+    """
+    one = partial(_do, out, data, planned)
+    finish(one, range(len(planned)), lambda: _done(out, planned), out, "Models")
+
+
+def results(out: Path) -> list[dict[str, Any]]:
+    """All figures that are there.
+
+    Raises:
+        InputError: if a line is damaged, or of another version.
+    """
+    found = read_lines(out / FILE)
+    for number, line in enumerate(found, 1):
+        if line.get("schema") != SCHEMA:
+            raise InputError(f"{out / FILE}, line {number}: this version reads {SCHEMA!r}; remove the line.")
+    return found
+
+
+def _done(out: Path, planned: Sequence[Trial]) -> set[int]:
+    fields = tuple(asdict(planned[0]))
+    known = {tuple(line[field] for field in fields) for line in results(out)}
+    return {i for i, trial in enumerate(planned) if tuple(asdict(trial).values()) in known}
+
+
+@cache
+def _motions(rig: str, data: Path, band: float) -> tuple[Motions, Motions]:
+    return all_logs()[rig].motions(data, band)
+
+
+def _do(out: Path, data: Path, planned: Sequence[Trial], number: int) -> None:
+    """Train a model, measure it on the held-out recordings, and add the line."""
+    trial = planned[number]
+    whole, held_out = _motions(trial.rig, data, trial.band)
+    motions = whole.beginning(trial.share)
+    model, about = _model(out / "models" / trial.name, trial, motions)
+    scores, found = score(model, held_out), model.inverse_dynamics(*(held_out.all(name) for name in "qva"))
+    tau = held_out.all("tau")
+    each = np.mean((found - tau) ** 2, axis=0) / tau.var(axis=0)
+    line = {
+        "schema": SCHEMA,
+        **asdict(trial),
+        **about,
+        "samples": len(motions.all("q")),
+        "held_out": list(held_out.ids),
+        "torque_share": scores.torque_share,
+        "torque_share_of": dict(zip(held_out.joints, each.tolist(), strict=True)),
+        "acceleration_share": scores.acceleration_share,
+        "rollouts": asdict(rollouts(model, held_out)),
+        "friction": {
+            f"{e.id} at {e.where}": {p.name: getattr(e, p.name) for p in e.parameters()} for e in model.effects
+        },
+    }
+    add_line(out / FILE, line)
+
+
+def _model(folder: Path, trial: Trial, motions: Motions) -> tuple[JointModel, dict[str, Any]]:
+    """The model, and how it was trained."""
+    if trial.model == "least_squares":
+        model = fit_baseline(motions, FRICTION)
+        model.save(folder)
+        return model, {"seconds": None, "iterations": None}
+    friction = () if trial.model == "feed_forward" else FRICTION
+    result = train(motions.cut(), folder, trial.model, friction, trial.seed)
+    return result.model, {"seconds": round(result.seconds, 1), "iterations": result.iterations}
