@@ -15,6 +15,8 @@ from keycld_model.diagnosis.discrepancy.regressors import answer_of, can_be_test
 from keycld_model.diagnosis.search.hypotheses import Hypothesis, hypotheses, recorded_range
 
 Array = NDArray[np.float64]
+NEAR = 0.1
+"""Share of the range in which a nonlinear parameter is looked for at first, around its value on the grid."""
 Test = Callable[[Contest, Candidate], Difference]
 
 
@@ -108,9 +110,11 @@ def refined(contest: Contest, motion: Motion, found: Difference, test: Test) -> 
     for parameter in [p for p in hypothesis.effect.parameters() if p.grid]:
         now = best[1].candidate.hypothesis.effect
         value = float(getattr(now, parameter.name))
-        low, high = (value / 2.5, value * 2.5) if value > 0 else (value - 0.5, value + 0.5)
-        low, high = max(low, parameter.low), min(high, parameter.high)
-        searched(lambda x, now=now, name=parameter.name: tried(replace(now, **{name: x})), low, high)
+        for part in (NEAR, 1.0):  # of periods and waves, many values are better than those beside them
+            times, more = 1 + 1.5 * part, 0.5 * part
+            low, high = (value / times, value * times) if value > 0 else (value - more, value + more)
+            low, high = max(low, parameter.low), min(high, parameter.high)
+            searched(lambda x, now=now, name=parameter.name: tried(replace(now, **{name: x})), low, high)
     if isinstance(hypothesis.effect, ActuatorEffect) and len(hypothesis.coefficients) == 1:  # no line
         size = abs(float(best[1].values[0]))
         now = best[1].candidate.hypothesis.effect
