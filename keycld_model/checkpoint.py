@@ -117,6 +117,20 @@ def read_checkpoint(folder: str | os.PathLike[str]) -> tuple[Tree, dict[str, Any
     return unflatten(tensors), meta
 
 
+def check_same_run(folder: str | os.PathLike[str], kept: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    """Refuse to go on with a run of other settings.
+
+    Raises:
+        InputError: if any that is wanted was kept otherwise.
+    """
+    for key, value in wanted.items():
+        if kept.get(key) != value:
+            raise InputError(
+                f"{folder} holds a run with another {key}; continue it with the same settings and data, or "
+                "choose another --out."
+            )
+
+
 def _sealed(payload: bytes) -> tuple[bytes, str]:
     """A safetensors file with its SHA-256 in place of `UNSEALED`, with which it is reckoned, and the SHA-256."""
     seal = hashlib.sha256(payload).hexdigest()

@@ -10,12 +10,12 @@ import numpy as np
 
 from keycld_control.benchmarks.json_lines import add_line, read_lines
 from keycld_control.benchmarks.unfinished import finish
+from keycld_control.delan.families import trained
 from keycld_control.delan.logs import all_logs
 from keycld_control.delan.plan import TITLES
 from keycld_control.delan.rollouts import rollouts
 from keycld_envs.errors import InputError
-from keycld_model.delan import JointModel, Motions, train
-from keycld_model.delan.baseline import fit_baseline
+from keycld_model.delan import Motions
 from keycld_model.delan.measures import score
 
 SCHEMA, FILE = "keycld.delan-real/1", "results.jsonl"
@@ -118,7 +118,9 @@ def _do(out: Path, data: Path, planned: Sequence[Trial], number: int) -> None:
     trial = planned[number]
     whole, held_out = _motions(trial.rig, data, trial.band)
     motions = whole.beginning(trial.share)
-    model, about = _model(out / "models" / trial.name, trial, motions)
+    by_parts = motions if trial.model == "least_squares" else motions.cut()
+    friction = () if trial.model == "feed_forward" else FRICTION
+    model, about = trained(trial.model, by_parts, out / "models" / trial.name, trial.seed, friction)
     scores, found = score(model, held_out), model.inverse_dynamics(*(held_out.all(name) for name in "qva"))
     tau = held_out.all("tau")
     each = np.mean((found - tau) ** 2, axis=0) / tau.var(axis=0)
@@ -137,14 +139,3 @@ def _do(out: Path, data: Path, planned: Sequence[Trial], number: int) -> None:
         },
     }
     add_line(out / FILE, line)
-
-
-def _model(folder: Path, trial: Trial, motions: Motions) -> tuple[JointModel, dict[str, Any]]:
-    """The model, and how it was trained."""
-    if trial.model == "least_squares":
-        model = fit_baseline(motions, FRICTION)
-        model.save(folder)
-        return model, {"seconds": None, "iterations": None}
-    friction = () if trial.model == "feed_forward" else FRICTION
-    result = train(motions.cut(), folder, trial.model, friction, trial.seed)
-    return result.model, {"seconds": round(result.seconds, 1), "iterations": result.iterations}

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from keycld_control.delan.families import trained
 from keycld_control.delan.plan import ALL, TEST, Training
 from keycld_control.plain_json import write_json
+from keycld_control.results import read_results
 from keycld_envs.errors import InputError
 from keycld_envs.files import one_writer
 from keycld_envs.progress import progress
-from keycld_envs.reading import read_json
-from keycld_model.delan import JointModel, Motions, read_motions, train
-from keycld_model.delan.baseline import fit_baseline
+from keycld_model.delan import Motions, read_motions
 from keycld_model.delan.measures import score
 
 SCHEMA = "keycld.delan/1"
@@ -35,7 +35,8 @@ def work_off(out: Path, data: Path, trainings: Sequence[Training]) -> None:
     with one_writer(out), progress("Models", total=len(trainings)) as advance:
         advance(len(trainings) - len(todo))
         for training in todo:
-            model, about = _model(out, training, amount(rest, training))
+            motions, folder = amount(rest, training), out / "models" / training.name
+            model, about = trained(training.model, motions, folder, training.seed)
             result = {
                 "schema": SCHEMA,
                 "data": whole,
@@ -65,16 +66,6 @@ def amount(rest: Motions, training: Training) -> Motions:
     return rest.chosen([rest.ids[i] for i in sorted(order)])
 
 
-def _model(out: Path, training: Training, motions: Motions) -> tuple[JointModel, dict[str, Any]]:
-    """The model, and how it was trained."""
-    if training.model == "least_squares":
-        model = fit_baseline(motions)
-        model.save(out / "models" / training.name)
-        return model, {"seconds": None, "iterations": None}
-    result = train(motions, out / "models" / training.name, training.model, seed=training.seed)
-    return result.model, {"seconds": result.seconds, "iterations": result.iterations}
-
-
 def _file(out: Path, training: Training) -> Path:
     return out / "results" / f"{training.name}.json"
 
@@ -85,14 +76,4 @@ def results(out: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: if a file is damaged or of another version.
     """
-    found = []
-    for path in sorted((out / "results").glob("*.json")):
-        try:
-            result = read_json(path)
-            schema = result["schema"]
-        except (ValueError, LookupError, TypeError) as error:
-            raise InputError(f"{path} is damaged ({error}); remove it, and its model is measured again.") from error
-        if schema != SCHEMA:
-            raise InputError(f"{path} has schema {schema!r}, this version reads {SCHEMA!r}; remove it.")
-        found.append(result)
-    return found
+    return [result for _, result in read_results(out, SCHEMA)]

@@ -1,6 +1,6 @@
 """Trains, or loads, and measures; every piece of work leaves a file, so that nothing is done twice."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,11 +21,11 @@ from keycld_control.paper.plan import PAPER_VPT, WHOLE, Training
 from keycld_control.paper.recordings import PARTS, VARIED, recordings
 from keycld_control.paper.strips import write_strip, write_swing_up
 from keycld_control.plain_json import write_json
+from keycld_control.results import read_results
 from keycld_envs import get_system, resolve_env_id, system_of
 from keycld_envs.errors import InputError
 from keycld_envs.files import one_writer
 from keycld_envs.progress import progress
-from keycld_envs.reading import read_json
 from keycld_envs.recordings import Dataset
 from keycld_envs.workers import each
 from keycld_model import WorldModel
@@ -57,7 +57,7 @@ class Work:
 
 def work_off(work: Work, trainings: Sequence[Training], workers: int = 1, ray: str | None = None) -> None:
     """Do what is missing, each training with its measures in one process."""
-    for path, result in _files(work.out):
+    for path, result in read_results(work.out, SCHEMA):
         if (seed := result.get("data_seed")) != work.data_seed:
             raise InputError(f"{path} is of --seed {seed}, not {work.data_seed}; choose another --out.")
     todo = [t for t in trainings if not work.result(t).is_file()]
@@ -145,16 +145,4 @@ def results(out: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: if a file is damaged or of another version.
     """
-    return [result for _, result in _files(out)]
-
-
-def _files(out: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
-    for path in sorted((out / "results").glob("*.json")):
-        try:
-            result = read_json(path)
-            schema = result["schema"]
-        except (ValueError, LookupError, TypeError) as error:
-            raise InputError(f"{path} is damaged ({error}); remove it, and its model is measured again.") from error
-        if schema != SCHEMA:
-            raise InputError(f"{path} has schema {schema!r}, this version reads {SCHEMA!r}; remove it.")
-        yield path, result
+    return [result for _, result in read_results(out, SCHEMA)]

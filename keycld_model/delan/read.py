@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -181,12 +182,10 @@ def _torques(where: str, recording: Recording, t: Floats) -> Floats:
 def _factor(where: str, unit: str) -> float:
     """What one of a command is worth in N m or N: 2 of the unit "2 N m"."""
     found = re.fullmatch(r"\s*([-+0-9.eE]*)\s*(N m|N)\s*", unit)
-    try:
-        return float(found[1] or 1.0) if found else float("nan") / 0
-    except (ValueError, ZeroDivisionError) as error:
-        raise InputError(
-            f"{where} has actions in {unit!r}; torques are in {' or '.join(TORQUES)}, so convert them first."
-        ) from error
+    if found is not None:
+        with suppress(ValueError):
+            return float(found[1] or 1.0)
+    raise InputError(f"{where} has actions in {unit!r}; torques are in {' or '.join(TORQUES)}, so convert them first.")
 
 
 def _motion(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from keycld_envs.errors import InputError
 from keycld_envs.files import one_writer
 from keycld_envs.progress import Advance, progress
-from keycld_model.checkpoint import read_checkpoint, write_checkpoint
+from keycld_model.checkpoint import check_same_run, read_checkpoint, write_checkpoint
 from keycld_model.delan.config import JointConfig
 from keycld_model.delan.families import JointDynamics
 from keycld_model.delan.levenberg_marquardt import LeastSquaresProblem, Point, step
@@ -185,12 +185,7 @@ class _Run:
             (self.folder / log.NAME).unlink(missing_ok=True)
             return _State(Point(first), first, first)
         tensors, meta = read_checkpoint(self.folder / STATE)
-        for key, value in self.meta.items():
-            if meta.get(key) != value:
-                raise InputError(
-                    f"{self.folder} holds a run with another {key}; continue it with the same settings and data, or "
-                    "choose another --out."
-                )
+        check_same_run(self.folder, meta, self.meta)
         if {"w", "best", "anchor"} - set(tensors) or any(np.shape(x) != first.shape for x in tensors.values()):
             raise InputError(f"{self.folder / STATE} is damaged; remove the folder to begin anew.")
         state = _State.of(tensors, meta["position"])

@@ -18,6 +18,7 @@ class Spreads:
         view: of what a camera that looks askew adds to a position, rad or m.
         shutter: of the time that a shutter takes to roll across an image, s.
         noise: of the estimated variance of the sensors' noise, relative, three times over; it is known to some 5 %.
+        roughness: of the logarithm of unknown forces from recording to recording of one rig.
         farthest: how many of these anything may be off; recordings of released mechanisms say nothing of mass and
             force but their ratio, and masses would run away.
     """
@@ -28,6 +29,7 @@ class Spreads:
     view: float = 0.03
     shutter: float = 0.01
     noise: float = 0.15
+    roughness: float = 0.5
     farthest: float = 8.0
 
 
@@ -44,6 +46,7 @@ class Sizes:
             as if it were a motion of the joints, a vibration needs forces in proportion to masses, and a regression
             would take the masses away.
         effects: in a set; where more seem to be needed, the true one is not in the library.
+        unpushed: windows of new recordings in which nobody pushes, for lasting changes to be looked for in them alone.
         by_run: effects that may differ from run to run of a baseline by themselves, such as where a cable hangs.
     """
 
@@ -52,6 +55,7 @@ class Sizes:
     window_beside_forces: float = 0.4
     constant_force: float = 0.13
     effects: int = 3
+    unpushed: int = 8
     by_run: int = 2
 
 
@@ -76,6 +80,7 @@ class Criteria:
         false_push: chance that pushes are found in a comparison with a baseline in which nobody pushes.
         clear_push: times that a push must stand out, over the most that chance does, for pushes to be named; where none
             does so but one stands out, as where runs of the baseline are each excited in their own way, it is doubtful.
+        push_elsewhere: share of a push that other new recordings show in the same states, from which it is none.
         pushed: share of the time in which there may be such pushes; where there are more, it is something else.
         idealised_share: share of the misfit that idealised forms leave, and flexible ones may mend: what pulses may
             leave, and what a residual force must gain beside named effects.
@@ -117,6 +122,7 @@ class Criteria:
     pulse_share: float = 0.7
     false_push: float = 0.02
     clear_push: float = 2.0
+    push_elsewhere: float = 0.5
     pushed: float = 0.3
     idealised_share: float = 0.02
     residual_force: float = 15.0

@@ -19,7 +19,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.files import one_writer
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Dataset
-from keycld_model.checkpoint import read_checkpoint, write_checkpoint
+from keycld_model.checkpoint import check_same_run, read_checkpoint, write_checkpoint
 from keycld_model.config import ModelConfig
 from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, valid_frames
 from keycld_model.modules import Parts
@@ -212,12 +212,7 @@ class _Run:
                 (self.folder / log.NAME).unlink(missing_ok=True)
             return 0, 0, 0.0, jax.tree.map(jnp.asarray, self.parts.initial(self.seed)), None
         tensors, meta = read_checkpoint(self.folder / STATE)
-        for key, value in self.meta.items():
-            if meta.get(key) != value:
-                raise InputError(
-                    f"{self.folder} holds a run with another {key}; continue it with the same settings and data, or "
-                    "choose another --out."
-                )
+        check_same_run(self.folder, meta, self.meta)
         stage, done = meta.get("stage", -1), meta.get("done", -1)
         places = {(i, k) for i, s in enumerate(self.preset.stages) for k in range(s.steps + 1)}
         if (stage, done) not in places | {(len(self.preset.stages), 0)} or "variables" not in tensors:

@@ -26,8 +26,6 @@ from keycld_model.diagnosis.discrepancy.regression import (
 from keycld_model.diagnosis.discrepancy.regressors import Term
 from keycld_model.diagnosis.discrepancy.selection import Change, Ranked, Selection, between_runs
 
-LEAST = 8
-"""Windows of new recordings in which nobody pushes, for lasting changes to be looked for in them alone."""
 RIGHT = 0.84
 """Share of first findings that were right on real recordings, by Laplace's rule: 47 of 55, of the 100 cases of
 gate G1 on 25 November 2026 (docs/real-data.md, "before")."""
@@ -104,18 +102,18 @@ def compare(
     advance(10, "what the baseline leaves")
     found = whitened_again(motion, terms, columns.answers, of_baseline, discrepancy)
     advance(10, "looking for pushes")
-    looked = _Looked(motion, terms, columns, found, discrepancy, len(baseline), within, criteria)
-    pushes = _looking(motion, terms, found, discrepancy, len(baseline), criteria)
+    lasting = _Lasting(motion, terms, columns, found, discrepancy, len(baseline), within, criteria)
+    pushes = _pushes_beside(motion, terms, found, discrepancy, len(baseline), criteria)
     given = pushes.found(()) if pushes else []
     faint = given[0] if given else None  # the one that stands out most
     if faint and faint.times < criteria.clear_push:
         given = []
-    selection, changes, next_best, inconsistent = looked.beside(given, advance)
+    selection, changes, next_best, inconsistent = lasting.beside(given, advance)
     if pushes and given and changes:  # which may be what seemed to be pushes
         alone = len(recordings) == 1  # then nothing tells a push from what the form of a change leaves
         again = [] if alone else pushes.found([c.effect for c in changes])
-        if looked.pushed(again).tolist() != looked.pushed(given).tolist():
-            selection, changes, next_best, inconsistent = looked.beside(again, lambda *_: None)
+        if lasting.pushed(again).tolist() != lasting.pushed(given).tolist():
+            selection, changes, next_best, inconsistent = lasting.beside(again, lambda *_: None)
         given = again
     contest = selection.contest
     common = _common(contest.regression, terms, of_baseline)
@@ -126,7 +124,7 @@ def compare(
     )
 
 
-def _looking(
+def _pushes_beside(
     motion: Motion, terms: Sequence[Term], found: Regression, left: Discrepancy, baseline: int, criteria: Criteria
 ) -> Pushes | None:
     """Looks for pushes beside what both sets share; None where motors have states of their own."""
@@ -139,7 +137,7 @@ def _looking(
 
 
 @dataclass(frozen=True)
-class _Looked:
+class _Lasting:
     """Looks for lasting changes, where nobody pushes.
 
     Attributes:
@@ -176,7 +174,7 @@ class _Looked:
         """The selection, its changes, the next best one, and whether that is in some of the new recordings only."""
         of_baseline = self.motion.windows.recording < self.baseline
         free = self.within & ~self.pushed(pushes)
-        if np.count_nonzero(free & ~of_baseline) < LEAST:
+        if np.count_nonzero(free & ~of_baseline) < self.criteria.sizes.unpushed:
             free = self.within
         zeros = [(i, term.spread) for i, term in enumerate(self.terms) if term.zero]
         recording, new = _halves(self.motion, self.baseline, free)

@@ -119,8 +119,8 @@ def with_own_masses(
     """
     after = copy.copy(motion.model)
     for number in inertials(motion.model, criteria):
-        most = np.inf if number.of_rotor else FACTOR
-        number.change(after, float(np.clip(values.get(number.name, 0.0), 1 / most - 1, most - 1)))
+        value = values.get(number.name, 0.0)
+        number.change(after, value if number.of_rotor else float(np.clip(value, 1 / FACTOR - 1, FACTOR - 1)))
     mujoco.mj_setConst(after, mujoco.MjData(after))
     before, now = (np.sqrt(np.mean(_needed(motion, m)[0] ** 2, axis=(0, 1))) for m in (motion.model, after))
     return after if np.any(now > (1 + near) * before) else None

@@ -115,13 +115,16 @@ class Motion:
     @property
     def misfit(self) -> Array:
         """Mean square of whitened residuals of each window, with the forces, `[W]`."""
-        return np.mean((self.residual - np.einsum("wrjb,wbj->wr", self.response, self.forces)) ** 2, axis=1)
+        return np.mean(self._left**2, axis=1)
 
     @property
     def ringing(self) -> Array:
         """Mean square of whitened residuals of each window and joint, with the forces, `[W, nv]`."""
-        left = self.residual - np.einsum("wrjb,wbj->wr", self.response, self.forces)
-        return np.mean(left.reshape(len(left), -1, len(self.noise)) ** 2, axis=1)
+        return np.mean(self._left.reshape(len(self.windows), -1, len(self.noise)) ** 2, axis=1)
+
+    @property
+    def _left(self) -> Array:
+        return self.residual - np.einsum("wrjb,wbj->wr", self.response, self.forces)
 
     @property
     def usual_force(self) -> Array:

@@ -49,9 +49,10 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
     findings = [_finding(c, found, model, runs) for c in found.changes] + _pushes(found, model)
     perhaps = _perhaps(found, criteria)
     verdict = _verdict(found, errors, perhaps)
+    seen = _friction_found(found, model, criteria) if verdict == "no_mismatch" else None
     return Report(
         verdict=verdict,
-        headline=changed_headline(verdict, findings, errors, runs, perhaps, _friction_found(found, model, criteria)),
+        headline=changed_headline(verdict, findings, errors, runs, perhaps, seen),
         findings=findings,
         nuisance=nuisance_of(rolled.refitted),
         unexplained=unexplained(found.motion, found.discrepancy, errors, LEFT),
@@ -79,9 +80,7 @@ def _perhaps(found: Comparison, criteria: Criteria) -> str | None:
 
 
 def _friction_found(found: Comparison, model: mujoco.MjModel, criteria: Criteria) -> dict[str, str]:
-    """Dry friction that would have been found, by joint, in words; none where something was."""
-    if found.changes:
-        return {}
+    """Dry friction that would have been found, by joint, in words."""
     contest, out = found.contest, {}
     for candidate in contest.candidates:
         effect = candidate.hypothesis.effect

@@ -38,8 +38,6 @@ SHARE = 0.1
 """Of the forces of a motion that new recordings may have more or less of any friction."""
 SLOW = 0.3
 """Speed below which friction is not what it is beyond, rad/s or m/s."""
-ALIKE = 0.5
-"""Share of a force that other new recordings have in the same states, from which it is no push."""
 
 
 @dataclass(frozen=True)
@@ -248,7 +246,7 @@ class Pushes:
             inside = self.motion.inside[r]
             nearest = KDTree(states[r][inside]).query(states[push.recording][within])[1]
             shares.append(float(new[r].left[inside][nearest, push.dof].mean()) / here)
-        return bool(shares) and float(np.median(shares)) > ALIKE
+        return bool(shares) and float(np.median(shares)) > self.criteria.push_elsewhere
 
     def _states(self) -> Array:
         """Positions and velocities in units of what the baseline has, `[W, S, n]`; hinges turn round."""

@@ -22,8 +22,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FREEDOM = 4.0
 """Degrees of freedom of Student's t, over windows."""
-UNEQUAL = 0.5
-"""Standard deviation of the logarithm of unknown forces from recording to recording."""
 
 
 @dataclass(frozen=True)
@@ -145,30 +143,11 @@ def regression(motion: Motion, terms: Sequence[Term], others: Array, baseline: M
         least = np.maximum(size.min(axis=0), 0.02 * usual)
         found = replace(found, friction=least, more=np.maximum(size - least, 0.0))
         problem = replace(problem, weights=solved.weights)
-    share = _shares(motion, terms, found)
+    share = problem.shares(found)
     usual = np.exp(np.mean(np.log(share[baseline])))  # terms of one run explain more of it than those of all
     share = np.minimum(share, share[baseline].max())  # what changed is no roughness
     found = replace(found, share=share / usual)
     return problem.regression(found, others), found
-
-
-def _shares(motion: Motion, terms: Sequence[Term], found: Discrepancy) -> Array:
-    """Of unknown forces in each window, as likely as can be in its recording, whose terms are its own."""
-    out = np.ones(len(motion.windows))
-    for run in np.unique(motion.windows.recording):
-        own = motion.windows.recording == run
-        alone = _Restricted.of(motion, terms, own)
-
-        nats: dict[float, float] = {}
-
-        def cost(x: float, own: Mask = own, alone: _Restricted = alone, nats: dict[float, float] = nats) -> float:
-            share = np.where(own, np.exp(x), 1.0)
-            nats[float(x)] = alone.nats(replace(found, share=share)) + 0.5 * float(x / UNEQUAL) ** 2
-            return nats[float(x)]
-
-        minimize_scalar(cost, bounds=(-3 * UNEQUAL, 3 * UNEQUAL), method="bounded", options={"maxiter": 12})
-        out[own] = np.exp(min(nats, key=nats.__getitem__))
-    return out
 
 
 def whitened_again(
@@ -264,6 +243,23 @@ class _Restricted:
             options={"maxiter": 12, "eps": 1e-3},
         )
         return discrepancy(found.x)
+
+    def shares(self, found: Discrepancy) -> Array:
+        """Of unknown forces in each window, as likely as can be in its recording, whose terms are its own, `[W]`."""
+        recording, out = self.motion.windows.recording, np.ones(len(self.motion.windows))
+        spread = self.motion.problem.criteria.spreads.roughness
+        for run in np.unique(recording):
+            own = recording == run
+            alone, nats = replace(self, baseline=own, weights=None), dict[float, float]()
+
+            def cost(x: float, own: Mask = own, alone: _Restricted = alone, nats: dict[float, float] = nats) -> float:
+                share = np.where(own, np.exp(x), 1.0)
+                nats[float(x)] = alone.nats(replace(found, share=share)) + 0.5 * float(x / spread) ** 2
+                return nats[float(x)]
+
+            minimize_scalar(cost, bounds=(-3 * spread, 3 * spread), method="bounded", options={"maxiter": 12})
+            out[own] = np.exp(min(nats, key=nats.__getitem__))
+        return out
 
     def solved(self, discrepancy: Discrepancy) -> Solution:
         """Terms of the baseline."""

@@ -4,13 +4,10 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from math import floor, isfinite, log10
-from types import MappingProxyType
 
 from keycld_envs.effects import EFFECTS, Effect, ExternalPulse
 from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors, Unexplained, Verdict
 from keycld_model.rigid_body.residual_force import ResidualForce
-
-NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 def effect_name(effect: str) -> str:
@@ -128,7 +125,7 @@ def changed_headline(
     errors: FitErrors,
     runs: int,
     perhaps: str | None = None,
-    seen: Mapping[str, str] = NOTHING,
+    seen: Mapping[str, str] | None = None,
 ) -> str:
     """What changed since a baseline, in one sentence.
 
@@ -138,7 +135,7 @@ def changed_headline(
         errors: of the report.
         runs: of the baseline.
         perhaps: an effect at its place that may have changed, where too little speaks for it.
-        seen: dry friction that would have been found, by joint, with its unit.
+        seen: dry friction that would have been found, by joint, with its unit, where nothing changed.
     """
     if not findings:
         if perhaps is not None:
@@ -148,7 +145,7 @@ def changed_headline(
             )
         if verdict == "undetermined":
             return "Some of the new recordings differ from the baseline, and others do not, or not in the same way."
-        sizes = " or ".join(f"{size} at {joint}" for joint, size in seen.items())
+        sizes = " or ".join(f"{size} at {joint}" for joint, size in (seen or {}).items())
         would = f" Of dry friction, {sizes} more would have been found." if seen else ""
         return (
             f"Nothing has changed: the recordings differ no more than the {runs} runs of the baseline among themselves."
