@@ -27,7 +27,8 @@ from keycld_model.diagnosis.verdict.report import Finding, FitErrors, Report, Ve
 IN_BOTH = 0.19
 """Confidence of what both sets have in common: it is fitted beside all that nobody modelled, and nothing cancels."""
 PUSHES_RIGHT = 0.86
-"""Share of pushes that were logged ones, by Laplace's rule: 17 of 19, of gate G2 (docs/real-data.md)."""
+"""Share of pushes that were logged ones, by Laplace's rule: 17 of 19, of gate G2, before
+one had to stand out clearly (docs/real-data.md)."""
 LEFT = (
     "In both sets, forces of {} are explained by nothing; a difference is only told from them where it is larger or "
     "lasts."
