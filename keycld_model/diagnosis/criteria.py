@@ -80,7 +80,7 @@ class Criteria:
         false_push: chance that pushes are found in a comparison with a baseline in which nobody pushes.
         clear_push: times that a push must stand out, over the most that chance does, for pushes to be named; where none
             does so but one stands out, as where runs of the baseline are each excited in their own way, it is doubtful.
-        push_elsewhere: share of a push that other new recordings show in the same states, from which it is none.
+        push_elsewhere: share of a push that is there in the same states at other times, from which it is none.
         pushed: share of the time in which there may be such pushes; where there are more, it is something else.
         idealised_share: share of the misfit that idealised forms leave, and flexible ones may mend: what pulses may
             leave, and what a residual force must gain beside named effects.

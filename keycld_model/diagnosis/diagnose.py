@@ -70,8 +70,8 @@ def diagnose(
         criteria: thresholds and priors.
         baseline: recordings of the same mechanism from before, at least two. Findings are then what changed since, and
             what nobody modelled, which is in both, does no harm.
-        budget: seconds after which the search ends with the best it has, at its next set of effects; `details` then
-            has what was not tried.
+        budget: seconds after which the search ends with the best it has, at its next set of effects or change;
+            `details` then has what was not tried.
 
     Returns:
         The report.
@@ -81,13 +81,14 @@ def diagnose(
             can be learned from them; if the budget is no positive number.
     """
     spending = Budget(budget)
-    if baseline and (held_out or tracked or observation is not None or budget is not None):
+    if baseline and (held_out or tracked or observation is not None):
         raise InputError(
-            "A baseline is compared by positions of encoders, without a search, and parts of the recordings are held "
-            "out by themselves; leave out held_out, tracked, observation and budget."
+            "A baseline is compared by positions of encoders, and parts of the recordings are held out by themselves; "
+            "leave out held_out, tracked and observation."
         )
     if baseline:
-        return _changed(recordings, baseline, model, criteria)
+        report = _changed(recordings, baseline, model, criteria, spending)
+        return replace(report, details={**report.details, "not_tried": spending.not_tried})
     if tracked and observation is not None:
         raise InputError("tracked is of joint positions, but an observation is handed in; hand in one of them.")
     encoders = not tracked and observation is None
@@ -121,15 +122,19 @@ def _lacking(
 
 
 def _changed(
-    recordings: Sequence[Recording], baseline: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria
+    recordings: Sequence[Recording],
+    baseline: Sequence[Recording],
+    model: mujoco.MjModel,
+    criteria: Criteria,
+    budget: Budget,
 ) -> Report:
     """What is different since the baseline."""
     observation = JointPositions(model, criteria=criteria)
     check([*recordings, *baseline], model, observation, MOST)
     bare = without_contacts(model, [*recordings, *baseline], observation)
     with progress("Comparing", total=100) as advance:
-        found = compare(recordings, baseline, bare, criteria, advance)
-        return report_of(found, bare, [r.id for r in baseline], criteria)
+        found = compare(recordings, baseline, bare, criteria, advance, budget.leaves_out)
+        return report_of(found, bare, [r.id for r in baseline], criteria, budget.not_tried)
 
 
 def _report(

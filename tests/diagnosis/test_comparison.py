@@ -96,6 +96,15 @@ def test_nothing_changed_though_much_is_missing(unchanged: Report) -> None:
 
 
 @pytest.mark.slow
+def test_without_time_nobody_says_that_nothing_changed(unchanged: Report) -> None:
+    new, before = sets("pendulum", None)
+    report = diagnose(new, get_system("pendulum").compile(), baseline=before, budget=1e-3)
+    assert (report.verdict, report.findings, report.details["not_tried"]) == ("undetermined", [], ["pushes"])
+    assert "pushes were not looked for" in report.headline
+    assert unchanged.details["not_tried"] == []
+
+
+@pytest.mark.slow
 def test_the_page_of_a_comparison_says_what_both_have(unchanged: Report) -> None:
     page = html_page(unchanged)
     assert 'id="common"' in page and 'data-effect="coulomb_friction"' in page

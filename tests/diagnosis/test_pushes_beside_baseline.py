@@ -1,12 +1,17 @@
 """Pushes in one of the new recordings are found beside a baseline, and none where nobody pushes."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from test_comparison import sets
 
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
+from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.discrepancy.bells import DURATIONS, standing
+from keycld_model.diagnosis.discrepancy.pushes import Push, Pushes
 from keycld_model.diagnosis.discrepancy.smoothed import STEP
 
 AT, WIDE = 1.5, 0.09
@@ -58,3 +63,16 @@ def test_a_bell_stands_out_at_its_time_by_its_height_over_what_is_usual_unless_n
     assert stands.most[d, 0] > 5 * stands.most[d, 1]
     hidden = standing(left, spread, np.abs(t - AT) > 0.3)
     assert hidden.most[:, 0].max() < 0.2 * stands.most[:, 0].max()
+
+
+@pytest.mark.parametrize("period, comes_back", [(1.2, True), (100.0, False)])
+def test_a_force_that_comes_back_in_the_same_states_is_no_push(period: float, comes_back: bool) -> None:
+    time = STEP * (np.arange(600) + 0.5)
+    states = np.stack([np.cos(2 * np.pi * time / 1.2), np.sin(2 * np.pi * time / 1.2)], axis=-1)
+    left = np.exp(-0.5 * (((time - AT + period / 2) % period - period / 2) / WIDE) ** 2)[:, None]
+    inside = np.ones((1, len(time)), dtype=np.bool_)
+    motion = SimpleNamespace(time=time[None], inside=inside)
+    pushes = SimpleNamespace(motion=motion, new=(0,), criteria=STANDARD, _states=lambda: states[None])
+    stands: Any = {0: SimpleNamespace(left=left)}
+    push = Push(0, 0, AT - 2 * WIDE, 4 * WIDE, 1.0, 0.1, 3.0)
+    assert Pushes._elsewhere(cast("Pushes", pushes), push, stands) is comes_back

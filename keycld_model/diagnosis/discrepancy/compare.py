@@ -75,6 +75,7 @@ def compare(
     model: mujoco.MjModel,
     criteria: Criteria,
     advance: Callable[..., None],
+    leaves_out: Callable[[str], bool],
 ) -> Comparison:
     """Find what is different in recordings.
 
@@ -84,6 +85,7 @@ def compare(
         model: the simulator.
         criteria: thresholds.
         advance: of a progress bar of 100 steps.
+        leaves_out: whether there is no time for something, which it then notes.
 
     Raises:
         InputError: if the sets are not alike, the baseline is a single run, or their excitations do not overlap.
@@ -102,14 +104,17 @@ def compare(
     advance(10, "what the baseline leaves")
     found = whitened_again(motion, terms, columns.answers, of_baseline, discrepancy)
     advance(10, "looking for pushes")
-    lasting = _Lasting(motion, terms, columns, found, discrepancy, len(baseline), within, criteria)
-    pushes = _pushes_beside(motion, terms, found, discrepancy, len(baseline), criteria)
+    lasting = _Lasting(motion, terms, columns, found, discrepancy, len(baseline), within, criteria, leaves_out)
+    pushes = None
+    if not leaves_out("pushes"):
+        pushes = _pushes_beside(motion, terms, found, discrepancy, len(baseline), criteria)
     given = pushes.found(()) if pushes else []
     faint = given[0] if given else None  # the one that stands out most
     if faint and faint.times < criteria.clear_push:
         given = []
     selection, changes, next_best, inconsistent = lasting.beside(given, advance)
-    if pushes and given and changes:  # which may be what seemed to be pushes
+    # what changed may be what seemed to be pushes
+    if pushes and given and changes and not leaves_out("pushes beside what changed"):
         alone = len(recordings) == 1  # then nothing tells a push from what the form of a change leaves
         again = [] if alone else pushes.found([c.effect for c in changes])
         if lasting.pushed(again).tolist() != lasting.pushed(given).tolist():
@@ -149,6 +154,7 @@ class _Lasting:
         baseline: number of its recordings.
         within: `[W]` windows within the range of the baseline.
         criteria: thresholds.
+        leaves_out: whether there is no time for something.
     """
 
     motion: Motion
@@ -159,6 +165,7 @@ class _Lasting:
     baseline: int
     within: Mask
     criteria: Criteria
+    leaves_out: Callable[[str], bool]
 
     def pushed(self, pushes: Sequence[Push]) -> Mask:
         """`[W]` windows in which somebody pushes."""
@@ -185,7 +192,7 @@ class _Lasting:
         selection = Selection(
             self.motion, self.terms, self.columns, contest, self.discrepancy, of_baseline, self.criteria, chance
         )
-        changes = selection.changes(advance)
+        changes = selection.changes(advance, self.leaves_out)
         advance(20)
         return selection, *changes
 

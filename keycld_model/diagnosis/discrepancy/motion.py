@@ -8,6 +8,7 @@ inertias, in coefficients of friction, in what motors do. No measured signal is 
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -121,6 +122,27 @@ class Motion:
     def ringing(self) -> Array:
         """Mean square of whitened residuals of each window and joint, with the forces, `[W, nv]`."""
         return np.mean(self._left.reshape(len(self.windows), -1, len(self.noise)) ** 2, axis=1)
+
+    @cached_property
+    def vibrating(self) -> Array:
+        """Velocities with what encoders show beside the path, `[W, S, nv]`: friction answers to vibrations, too.
+
+        Differences of what is left of neighbouring samples, drawn towards none by the share that is noise.
+        """
+        windows, out = self.windows, self.v.copy()
+        shown = self._left.reshape(len(windows), windows.samples, -1) * self.problem.noise
+        shown = np.where(np.isfinite(windows.measured), shown, np.nan)
+        since = windows.time - windows.start[:, None]
+        steps = np.diff(since, axis=1)[..., None]
+        rate, middle = np.diff(shown, axis=1) / steps, (since[:, 1:] + since[:, :-1]) / 2
+        noise = np.nanmean(np.where(np.isnan(rate), np.nan, 2 * (self.noise / steps) ** 2), axis=1)
+        signal = np.clip(1 - noise / np.maximum(np.nanmean(rate**2, axis=1), 1e-300), 0.0, 1.0)
+        times = (np.arange(windows.steps) + 0.5) * windows.step
+        for w, j in np.ndindex(signal.shape):
+            there = np.isfinite(rate[w, :, j])
+            if there.any():
+                out[w, :, j] += signal[w, j] * np.interp(times, middle[w, there], rate[w, there, j])
+        return out
 
     @property
     def _left(self) -> Array:

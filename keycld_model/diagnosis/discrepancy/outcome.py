@@ -35,7 +35,13 @@ LEFT = (
 )
 
 
-def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], criteria: Criteria) -> Report:
+def report_of(
+    found: Comparison,
+    model: mujoco.MjModel,
+    ids: Sequence[str],
+    criteria: Criteria,
+    not_tried: Sequence[str] = (),
+) -> Report:
     """The report of a comparison.
 
     Args:
@@ -43,6 +49,7 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
         model: the simulator.
         ids: of the recordings of the baseline.
         criteria: thresholds.
+        not_tried: what there was no time for; without it, nobody can say that nothing changed.
     """
     rolled = _Rolled.of(found, model, criteria)
     errors = rolled.errors(found)
@@ -50,10 +57,12 @@ def report_of(found: Comparison, model: mujoco.MjModel, ids: Sequence[str], crit
     findings = [_finding(c, found, model, runs) for c in found.changes] + _pushes(found, model)
     perhaps = _perhaps(found, criteria)
     verdict = _verdict(found, errors, perhaps)
+    if verdict == "no_mismatch" and not_tried:
+        verdict = "undetermined"
     seen = _friction_found(found, model, criteria) if verdict == "no_mismatch" else None
     return Report(
         verdict=verdict,
-        headline=changed_headline(verdict, findings, errors, runs, perhaps, seen),
+        headline=changed_headline(verdict, findings, errors, runs, perhaps, seen, not_tried),
         findings=findings,
         nuisance=nuisance_of(rolled.refitted),
         unexplained=unexplained(found.motion, found.discrepancy, errors, LEFT),

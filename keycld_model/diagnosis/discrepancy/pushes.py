@@ -154,7 +154,7 @@ class Pushes:
         new = self._standing(self.baseline, self.new, _columns(self.motion, forces))
         least = self._least()
         peaks = [p for number, stands in new.items() for p in self._peaks(number, stands, least)]
-        peaks = [p for p in peaks if not self._in_others(p, new)]
+        peaks = [p for p in peaks if not self._elsewhere(p, new)]
         seconds = STEP * self.motion.inside[list(self.new)].sum()
         if sum(p.duration for p in peaks) > self.criteria.pushed * seconds:
             return []
@@ -236,17 +236,25 @@ class Pushes:
                 times[e, max(0, k - around) : k + around + 1] = 0.0
         return out
 
-    def _in_others(self, push: Push, new: dict[int, Standing]) -> bool:
-        """Whether other new recordings show a force as well, in the states that are most alike."""
-        others = [r for r in self.new if r != push.recording]
-        within = np.abs(self.motion.time[0] - push.start - push.duration / 2) < push.duration / 2
-        here = float(new[push.recording].left[within, push.dof].mean())
-        states, shares = self._states(), []
-        for r in others:
-            inside = self.motion.inside[r]
-            nearest = KDTree(states[r][inside]).query(states[push.recording][within])[1]
-            shares.append(float(new[r].left[inside][nearest, push.dof].mean()) / here)
-        return bool(shares) and float(np.median(shares)) > self.criteria.push_elsewhere
+    def _elsewhere(self, push: Push, new: dict[int, Standing]) -> bool:
+        """Whether there is such a force in the states that are most alike in other new recordings, or later or earlier.
+
+        Then it belongs to the states, and nobody pushes.
+        """
+        time, centre = self.motion.time[0], push.start + push.duration / 2
+        within, away = np.abs(time - centre) < push.duration / 2, np.abs(time - centre) > push.duration
+        here, states = float(new[push.recording].left[within, push.dof].mean()), self._states()
+
+        def share(recording: int) -> float:
+            there = self.motion.inside[recording] & (away if recording == push.recording else True)
+            if not there.any():
+                return 0.0
+            nearest = KDTree(states[recording][there]).query(states[push.recording][within])[1]
+            return float(new[recording].left[there][nearest, push.dof].mean()) / here
+
+        others = [share(r) for r in self.new if r != push.recording]
+        there = max(share(push.recording), float(np.median(others or [0.0])))
+        return there > self.criteria.push_elsewhere
 
     def _states(self) -> Array:
         """Positions and velocities in units of what the baseline has, `[W, S, n]`; hinges turn round."""

@@ -1,6 +1,6 @@
 """What each thing that a simulator may lack does along a motion, to first order: columns of a regression."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -104,23 +104,23 @@ def can_be_tested(effect: Effect, model: mujoco.MjModel) -> bool:
     return True
 
 
-def force_of(motion: Motion, effect: Effect) -> Array:
-    """Generalised forces of an effect along the motion, `[W, S, nv]`, N m or N."""
-    model = motion.model
+def force_of(motion: Motion, effect: Effect, v: Array | None = None) -> Array:
+    """Generalised forces of an effect along the motion, `[W, S, nv]`, N m or N; at its velocities, or others."""
+    model, v = motion.model, motion.vibrating if v is None else v
     if isinstance(effect, ActuatorEffect) and not effect.forces:
         return _motor(motion, effect)
     after = edited(model, [effect])
-    out = resistance(model, after, motion.v)
+    out = resistance(model, after, v)
     if not all(np.allclose(getattr(after, n), getattr(model, n), rtol=1e-12, atol=0) for n in _INERTIAL) or (
         not np.array_equal(after.opt.gravity, model.opt.gravity)
     ):
         out = out + motion.required - inverse_dynamics(_without_resistance(after, model), motion.q, motion.v, motion.a)
     if not effect.memory:
-        out = out + effect.force(model, motion.time, motion.q, motion.v, motion.u)
-        return out * (1 - resting(motion.v)) if _is_dry(effect) else out
+        out = out + effect.force(model, motion.time, motion.q, v, motion.u)
+        return out * (1 - resting(v)) if _is_dry(effect) else out
     memory, h = effect.begin(model, motion.path[1][:, 0]), motion.problem.simulator.step
     for k in range(motion.windows.steps):
-        now = motion.time[:, k], motion.q[:, k], motion.v[:, k], motion.u[:, k]
+        now = motion.time[:, k], motion.q[:, k], v[:, k], motion.u[:, k]
         force, memory = effect.advance(model, memory, *now, h)
         out[:, k] += force
     return out
@@ -143,8 +143,8 @@ def _holding(motion: Motion, effect: Effect, scale: float) -> Array | None:
     """Force over a scale with which dry friction holds joints at rest, `[W, nv]`, N m or N: that of a slow motion."""
     if effect.id not in HOLDING:
         return None
-    slow = replace(motion, v=np.full_like(motion.v, 4 * RESTING))
-    return np.mean(np.abs(force_of(slow, effect)), axis=1) / scale
+    slow = np.full_like(motion.v, 4 * RESTING)
+    return np.mean(np.abs(force_of(motion, effect, slow)), axis=1) / scale
 
 
 _INERTIAL = ("body_mass", "body_inertia", "body_ipos", "body_pos", "dof_armature", "jnt_stiffness", "qpos_spring")

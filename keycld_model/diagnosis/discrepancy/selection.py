@@ -102,10 +102,14 @@ class Selection:
     chance: dict[Key, float]
     taken: set[Key] = field(default_factory=set)
 
-    def changes(self, advance: Callable[..., None]) -> tuple[list[Change], Ranked | None, bool]:
+    def changes(
+        self, advance: Callable[..., None], leaves_out: Callable[[str], bool]
+    ) -> tuple[list[Change], Ranked | None, bool]:
         """Accepted changes, the best one that was not, and whether it gains in some of the new recordings only."""
         found: list[Change] = []
         while len(found) < self.criteria.sizes.effects:
+            if found and leaves_out(f"changes after the first {len(found)}"):
+                break
             present = [column for change in found for column in change.columns]
             ranked = self._ranked(present)
             clear = self._clear(ranked)
@@ -120,12 +124,17 @@ class Selection:
         return found, None, False
 
     def _clear(self, ranked: Sequence[Ranked]) -> list[Ranked]:
-        """Those that come near the best and gain more than chance does, the best first."""
+        """Those that come near the best and gain more than chance does, the best first.
+
+        Where one of a family does so at a place, something is different there, and which of the family is told by the
+        score alone.
+        """
         first = self._score(ranked[0]) if ranked else 0.0
         near = [r for r in ranked if self._score(r) > 0.5 * first > 0]
         if not any(r.times >= self.criteria.changed and self._score(r) > 0.8 * first for r in near):
             return []
-        return [r for r in near if r.times >= self.criteria.changed]
+        sure = {(r.effect.family, r.effect.where) for r in near if r.times >= self.criteria.changed}
+        return [r for r in near if (r.effect.family, r.effect.where) in sure]
 
     def _least(self, change: Change, found: Sequence[Change]) -> float:
         """Nats of a further change: at other joints a share of what was found, at the same ones as much."""

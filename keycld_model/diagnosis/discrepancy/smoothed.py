@@ -80,6 +80,11 @@ class Smoothed(Motion):
         whole = cls(problem, motion.noise, *arrays, smoothing, inside)
         return replace(whole, residual=whole.answer(required - _of_motors(model, q, v, u)))
 
+    @property
+    def vibrating(self) -> Array:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Smoothed velocities, `[W, S, nv]`."""
+        return self.v
+
     def smooth(self, values: Array) -> Array:
         """Values `[W, S, ...]` smoothed as positions are."""
         return gaussian_filter1d(np.nan_to_num(values), self.smoothing / STEP, axis=1, mode="nearest")

@@ -126,6 +126,7 @@ def changed_headline(
     runs: int,
     perhaps: str | None = None,
     seen: Mapping[str, str] | None = None,
+    not_tried: Sequence[str] = (),
 ) -> str:
     """What changed since a baseline, in one sentence.
 
@@ -136,6 +137,7 @@ def changed_headline(
         runs: of the baseline.
         perhaps: an effect at its place that may have changed, where too little speaks for it.
         seen: dry friction that would have been found, by joint, with its unit, where nothing changed.
+        not_tried: what there was no time for.
     """
     if not findings:
         if perhaps is not None:
@@ -143,6 +145,8 @@ def changed_headline(
                 f"Perhaps something has changed, and {perhaps} is the first guess, but the {runs} runs of the baseline "
                 "differ too much among themselves to be sure; more of them would tell."
             )
+        if not_tried:
+            return f"Nothing was found in the time that was given, and {' and '.join(not_tried)} were not looked for."
         if verdict == "undetermined":
             return "Some of the new recordings differ from the baseline, and others do not, or not in the same way."
         sizes = " or ".join(f"{size} at {joint}" for joint, size in (seen or {}).items())
