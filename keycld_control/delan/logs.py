@@ -10,6 +10,7 @@ from pathlib import Path
 from keycld_control.benchmarks.real.gate import RecordingFile
 from keycld_control.benchmarks.real.owners.all_rigs import owners_rigs, parted
 from keycld_control.benchmarks.real.rigs import named_rig
+from keycld_control.delan import kuka
 from keycld_model.delan import Motions, motions_of
 
 OWNERS = ("double pendulum A.0", "double pendulum C.0", "double pendulum C.1", "simple pendulum")
@@ -48,4 +49,5 @@ def all_logs() -> dict[str, Logs]:
     owners = owners_rigs()
     parts = {name: (owners[name].training, owners[name].held_out) for name in OWNERS}
     parts |= {name: parted(named_rig("double_pendulum_C1").some(files, name)) for name, files in CONTROLLED.items()}
+    parts["KUKA"] = [kuka.run("A")], [kuka.run("B")]
     return {name: Logs(tuple(training), tuple(held_out)) for name, (training, held_out) in parts.items()}

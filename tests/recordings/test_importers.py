@@ -106,6 +106,15 @@ def test_a_slide_in_metres_is_not_unwrapped_and_its_speed_is_in_metres_too() -> 
     assert recording.units == {"qpos": ("m",), "qvel": ("m/s",)}
 
 
+def test_a_factor_before_a_unit_is_that_of_a_gear() -> None:
+    table = Table(Path("x.csv"), {"t": np.arange(3.0), "q": np.array([0.0, 90, 180]), "u": np.array([1.0, 0, -1])})
+    columns = Columns("t", {"a": "q"}, actions={"a": "u"}, units={"q": "0.01 rev", "u": "250 mN m"})
+    recording = assemble(table, columns, "a")
+    np.testing.assert_allclose(np.asarray(recording.qpos)[:, 0], 2 * np.pi * np.array([0, 0.9, 1.8]))
+    np.testing.assert_allclose(np.asarray(recording.action)[:, 0], [0.25, 0, -0.25])
+    assert recording.units == {"qpos": ("rad",), "action": ("N m",)}
+
+
 def test_a_missing_command_is_refused_unless_the_one_before_holds() -> None:
     table = Table(Path("x.csv"), {"t": np.arange(3.0), "q": np.zeros(3), "u": np.array([1.0, np.nan, 2.0])}, (2, 3, 4))
     strict = Columns("t", {"hinge": "q"}, actions={"motor": "u"})
@@ -130,6 +139,8 @@ def test_a_missing_command_is_refused_unless_the_one_before_holds() -> None:
         ({}, Columns("t", {}), "no joint has a column"),
         ({}, Columns("t", {"hinge": "q"}, {"knee": "q"}), r"velocities are named for \['knee'\]"),
         ({}, Columns("t", {"hinge": "q"}, units={"q": "furlong"}), "unit 'furlong' of 'q' is unknown"),
+        ({}, Columns("t", {"hinge": "q"}, units={"q": "0 rad"}), "unit '0 rad' of 'q' is unknown"),
+        ({}, Columns("t", {"hinge": "q"}, units={"q": "two rad"}), "unit 'two rad' of 'q' is unknown"),
         ({}, Columns("t", {"hinge": "q"}, units={"t": "deg"}), "'t' is a clock, which is not in 'deg'"),
         ({}, Columns("t", {"hinge": "q"}, units={"q": "N m"}), "'q' is a joint's position, which is not in 'N m'"),
         ({"q": [0.0, 6.0, 12.6]}, Columns("t", {"hinge": "q"}), "may be degrees; say .*, --unit q=deg"),

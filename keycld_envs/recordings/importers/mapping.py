@@ -1,5 +1,6 @@
 """Which column is what: the way from a table to a recording."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -180,8 +181,12 @@ def _check_columns(table: Table, columns: Columns) -> None:
     """Refuse unknown units, no joints, and velocities of other joints than positions."""
     for column, unit in columns.units.items():
         table.column(column)
-        if unit not in FACTORS:
-            raise InputError(f"{table.path}: the unit {unit!r} of {column!r} is unknown; known are {list(FACTORS)}.")
+        factor, written = _parted(unit)
+        if written not in FACTORS or not 0 < abs(factor) < math.inf:
+            raise InputError(
+                f"{table.path}: the unit {unit!r} of {column!r} is unknown; known are {list(FACTORS)}, also with a "
+                "factor in front, such as '50 N m' behind a gear."
+            )
     if not columns.joints:
         raise InputError(f"{table.path}: no joint has a column; name one per joint, --joint hinge=COLUMN.")
     if columns.velocities and list(columns.velocities) != list(columns.joints):
@@ -210,7 +215,7 @@ def _check_units(table: Table, columns: Columns) -> None:
 
 
 def _clock(table: Table, name: str, units: Mapping[str, str]) -> Array:
-    time = table.column(name) * FACTORS[units.get(name, "s")]
+    time = table.column(name) * _factor(units.get(name, "s"))
     if len(bad := np.flatnonzero(~np.isfinite(time))):
         raise InputError(f"{table.path}, {table.row(bad[0])}, column {name!r}: the time is missing; remove the row.")
     if len(back := np.flatnonzero(np.diff(time) < 0)):
@@ -237,7 +242,7 @@ def _signal(table: Table, names: Mapping[str, str], units: Mapping[str, str], cl
                 f"{table.path}, {table.row(bad[0])}, column {name!r}: {values[bad[0]]} is no measurement; leave the "
                 "cell empty."
             )
-        out[:, j] = values * FACTORS[units.get(name, "1")]
+        out[:, j] = values * _factor(units.get(name, "1"))
     return out
 
 
@@ -262,4 +267,22 @@ def _units(names: Mapping[str, str], units: Mapping[str, str], default: str) -> 
 
 def _unit(written: str) -> str:
     """The recording's unit of the kind."""
-    return BASE.get(written, written)
+    base = _parted(written)[1]
+    return BASE.get(base, base)
+
+
+def _factor(written: str) -> float:
+    """What one of a column is worth in the recording's unit."""
+    factor, unit = _parted(written)
+    return factor * FACTORS[unit]
+
+
+def _parted(written: str) -> tuple[float, str]:
+    """A factor, one if there is none, and a unit: "50 N m" is 50 of "N m"."""
+    first, _, rest = written.strip().partition(" ")
+    if written in FACTORS or not rest:
+        return 1.0, written
+    try:
+        return float(first), rest.strip()
+    except ValueError:
+        return 1.0, written
