@@ -12,6 +12,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from keycld_model.delan.rig import LearnedDynamics
 from keycld_model.rigid_body.frames import ORIGIN, Axis, Frame
 from keycld_model.rigid_body.friction import soft_friction
 from keycld_model.rigid_body.loops import Row, pulls, rows_of, tightened
@@ -109,6 +110,8 @@ class MassAndBias(NamedTuple):
 def mass_and_bias(tree: RigidBodyTree, numbers: TreeNumbers, q: Traced, v: Traced) -> MassAndBias:
     """Of joints at positions and velocities `[nv, N]`."""
     nv = len(tree.joints)
+    if tree.learned is not None:
+        return _learned(tree.learned, numbers, q, v)
     world = ORIGIN._replace(acceleration=_upwards(numbers.gravity))
     out = MassAndBias([[0.0] * nv for _ in range(nv)], [0.0] * nv, [], [])
     for b, body in enumerate(tree.bodies):
@@ -126,6 +129,12 @@ def mass_and_bias(tree: RigidBodyTree, numbers: TreeNumbers, q: Traced, v: Trace
             out.mass[j][i] = out.mass[i][j]
     out.frames.append(world)
     return out
+
+
+def _learned(learned: LearnedDynamics, numbers: TreeNumbers, q: Traced, v: Traced) -> MassAndBias:
+    """What networks say, times the mass of the first body, which is the common factor of all energies."""
+    factor, (mass, bias) = numbers.bodies[0, 0], learned.mass_and_bias(q, v)
+    return MassAndBias([[factor * entry for entry in row] for row in mass], [factor * b for b in bias], [], [])
 
 
 def _upwards(gravity: tuple[Traced, ...]) -> Vector:

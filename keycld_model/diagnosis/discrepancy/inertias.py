@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_model.delan.rig import ALL_LINKS, learned_dynamics
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
 
@@ -53,9 +54,12 @@ class Inertial:
 
 
 def inertials(model: mujoco.MjModel, criteria: Criteria) -> Iterator[Inertial]:
-    """All that are not zero, and rotors."""
+    """All that are not zero, and rotors; of the links of a joint model their common factor."""
     spread = criteria.spreads.mass_beside_forces
-    for body in np.flatnonzero(model.body_dofnum):
+    learned = learned_dynamics(model) is not None
+    if learned:
+        yield Inertial(f"mass of {ALL_LINKS}", "body_mass", [int(model.body(ALL_LINKS).id)], spread)
+    for body in () if learned else np.flatnonzero(model.body_dofnum):
         children = np.flatnonzero(model.body_parentid == body)
         numbers = {
             "mass": ("body_mass", [body], 1.0),

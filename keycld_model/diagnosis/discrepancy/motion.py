@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.recordings import Recording
+from keycld_model.delan.rig import common_factor, learned_dynamics, own_inertias
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.inputs.observation import JointPositions
@@ -151,7 +152,10 @@ _PER_WINDOW = ("q", "v", "a", "u", "time", "required", "states", "response", "re
 
 
 def inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> Array:
-    """Generalised forces `[..., nv]` that a motion needs, without constraints."""
+    """Generalised forces `[..., nv]` that a motion needs, without constraints.
+
+    In the rig of a joint model, the inertia of its bodies gives way to what was learned.
+    """
     data, free = mujoco.MjData(model), copy.copy(model)
     free.opt.disableflags = int(free.opt.disableflags) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     out = np.empty_like(v)
@@ -159,6 +163,8 @@ def inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> Arr
         data.qpos[:], data.qvel[:], data.qacc[:] = q[at], v[at], a[at]
         mujoco.mj_inverse(free, data)
         out[at] = data.qfrc_inverse
+    if (learned := learned_dynamics(model)) is not None:
+        out += common_factor(model) * learned.forces(q, v, a) - own_inertias(model) * a
     return out
 
 

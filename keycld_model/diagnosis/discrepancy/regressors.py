@@ -29,6 +29,7 @@ from keycld_envs.effects.transmission import TransmissionEffect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.inertias import inertial_columns
 from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
+from keycld_model.diagnosis.simulation.places import places_of
 from keycld_model.diagnosis.simulation.sampling import interpolated
 
 Array = NDArray[np.float64]
@@ -190,7 +191,7 @@ def shared_terms(motion: Motion, criteria: Criteria, held: bool = False) -> list
     out = [Term(*own) for own in inertial_columns(motion, criteria, held)] + _zeros(motion, criteria)
     for kind in USUAL:
         spread = 0.02 if kind is ActuatorDelay else np.inf  # s
-        for absent in kind.candidates(model):
+        for absent in places_of(kind, model):
             if can_be_tested(absent, model):
                 (number,) = absent.parameters()
                 little = absent.with_parameters(**{number.name: number.absent + number.scale})
@@ -205,7 +206,7 @@ def _idealised(motion: Motion) -> list[Term]:
     """What friction and motors are beyond the simplest forms, expected to be a share of the forces of the motion."""
     model, out = motion.model, []
     for kind in IDEALISED:
-        for absent in kind.candidates(model):
+        for absent in places_of(kind, model):
             if not can_be_tested(absent, model):
                 continue
             for number in absent.parameters():

@@ -4,13 +4,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_model.delan.rig import ALL_LINKS, learned_dynamics
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.inputs.observation import Nuisance
 from keycld_model.rigid_body.equality import anchors, bodies, connections
 
 
 def inertial_nuisances(model: mujoco.MjModel, criteria: Criteria = STANDARD) -> tuple[Nuisance, ...]:
-    """A mass per body with joints, and a length per body that turns."""
+    """A mass per body with joints, and a length per body that turns; of a joint model, one factor of all masses."""
+    if learned_dynamics(model) is not None:
+        body = int(model.body(ALL_LINKS).id)
+        return (Nuisance(f"mass of {ALL_LINKS}", "mass", body, criteria.spreads.mass, factor=True),)
     jointed = [b for b in range(1, model.nbody) if model.body_dofnum[b]]
     turning = [b for b in jointed if (model.jnt_type[model.body_jntadr[b]] == mujoco.mjtJoint.mjJNT_HINGE)]
     wanted = [("mass", b) for b in jointed] + [("length", b) for b in turning]
