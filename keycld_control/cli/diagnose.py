@@ -101,7 +101,8 @@ def _write(report: "Report", simulator: "Source | JointModel", out: Path) -> "Re
     if isinstance(simulator, JointModel):
         if report.evidence is not None:
             left = write_corrected_joint_model(report.evidence, out / "corrected_model")
-            report = replace(report, details={**report.details, "not_in_corrected_model": [str(e) for e in left]})
+            others = [*map(str, left), "own errors, which are refitted to the recordings at hand"]
+            report = replace(report, details={**report.details, "not_in_corrected_model": others})
     else:
         environment = simulator.environment
         if report.evidence is not None and simulator.mjcf is not None:

@@ -3,7 +3,8 @@
 Joints, motors, their names and the learned friction are MuJoCo's own. Inertias and weight are the networks', which the
 model carries in its custom fields, so that copies of it are complete. The bodies that MuJoCo needs are one at each
 joint, which turns or slides by itself with the joint's usual inertia, and one that is fixed, whose mass is the common
-factor of all learned energies. MuJoCo's own steps know nothing of the networks: `learned_dynamics` has them.
+factor of all learned energies, and whose user data are what they are off by beside it (see `deviation`). MuJoCo's own
+steps know nothing of the networks: `learned_dynamics` has them.
 """
 
 import functools
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from keycld_envs.effects import StribeckFriction
 from keycld_envs.errors import InputError
 from keycld_model.delan.config import JointConfig
+from keycld_model.delan.deviation import Deviation
 from keycld_model.delan.families import JointDynamics
 from keycld_model.delan.model import JointModel
 from keycld_model.delan.network import Parameters
@@ -31,7 +33,9 @@ Floats = NDArray[np.float64]
 FIELD = "keycld_joint_model"
 """Name of the custom fields with the configuration and the parameters."""
 ALL_LINKS = "all_links"
-"""Name of the body whose mass is the common factor of all energies."""
+"""Name of the body whose mass is the common factor of all energies, and whose user data are their deviation."""
+OWN_ERROR = "own error"
+"""What coefficients of the deviation are called, with a number."""
 STEP = 0.005
 """s, of the rig; what simulates it chooses its own."""
 PADDED = 1024
@@ -66,6 +70,7 @@ def rig_of(model: JointModel, motors: Sequence[Motor]) -> mujoco.MjModel:
     spec.option.gravity, spec.option.timestep = np.zeros(3), STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.compiler.degree = False
+    spec.nuser_body = Deviation(config).number
     _add_body(spec, ALL_LINKS, np.ones(4))
     usual = np.abs(np.diag(model.mass_matrix(np.zeros(config.n))))
     for i, (name, kind, inertia) in enumerate(zip(config.joints, config.kinds, usual.tolist(), strict=True)):
@@ -125,6 +130,11 @@ def common_factor(rig: mujoco.MjModel) -> float:
     return float(rig.body(ALL_LINKS).mass[0])
 
 
+def deviation(rig: mujoco.MjModel) -> Floats:
+    """Coefficients of what the learned energies of a rig are off by, `[K]`: a view, which may be written to."""
+    return rig.body_user[rig.body(ALL_LINKS).id]
+
+
 def own_inertias(rig: mujoco.MjModel) -> Floats:
     """Of the bodies of a rig at each joint, `[n]`, which MuJoCo reckons with in place of what was learned."""
     slides = rig.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
@@ -141,17 +151,30 @@ class LearnedDynamics:
 
     model: JointModel
 
-    def mass_and_bias(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Mass matrix `[n, n, N]` and bias forces `[n, N]` at positions and velocities `[n, N]`, to be traced."""
-        return jax.vmap(self._mass_and_bias, in_axes=1, out_axes=-1)(q, v)
+    def mass_and_bias(self, q: Array, v: Array, factor: Array, deviation: Array) -> tuple[Array, Array]:
+        """Mass matrix `[n, n, N]` and bias forces `[n, N]`, to be traced.
 
-    def _mass_and_bias(self, q: Array, v: Array) -> tuple[Array, Array]:
-        equations, p = self._equations
-        zero = jnp.zeros_like(v)
-        bias = equations.inverse_dynamics(p, q, v, zero)
+        Args:
+            q: `[n, N]` positions.
+            v: `[n, N]` velocities.
+            factor: `[N]` of the learned energies.
+            deviation: `[K, N]` of them.
+        """
+        return jax.vmap(self._mass_and_bias, in_axes=-1, out_axes=-1)(q, v, factor, deviation)
+
+    def _mass_and_bias(self, q: Array, v: Array, factor: Array, deviation: Array) -> tuple[Array, Array]:
+        (equations, p), off, zero = self._equations, Deviation(self.model.config), jnp.zeros_like(v)
+        bias, more = equations.inverse_dynamics(p, q, v, zero), {"coefficients": deviation}
         if self.model.config.family == "black_box":  # whose inertias depend on velocities
-            return jax.jacfwd(lambda a: equations.inverse_dynamics(p, q, v, a))(zero), bias
-        return equations.mass_matrix(p, q), bias
+            mass = jax.jacfwd(lambda a: equations.inverse_dynamics(p, q, v, a))(zero)
+        else:
+            mass = equations.mass_matrix(p, q)
+        return factor * mass + off.mass_matrix(more, q), factor * bias + off.inverse_dynamics(more, q, v, zero)
+
+    @functools.cached_property
+    def deviations(self) -> int:
+        """Number of coefficients of the deviation, K."""
+        return Deviation(self.model.config).number
 
     def fading_friction(self, v: Array) -> Array | float:
         """Dry friction beyond the friction loss of joints, at velocities `[n, N]`: that of Stribeck's which fades."""
@@ -159,19 +182,26 @@ class LearnedDynamics:
         if not stribeck:
             return 0.0
         extra, fading = (np.array([getattr(e, name) for e in stribeck])[:, None] for name in ("extra", "vs"))
-        return extra * jnp.exp(-((v / fading) ** 2))
+        return jnp.asarray(extra) * jnp.exp(-((v / fading) ** 2))
 
-    def forces(self, q: Floats, v: Floats, a: Floats) -> Floats:
-        """Forces `[..., n]` that a motion needs."""
+    def forces(self, q: Floats, v: Floats, a: Floats, factor: float, deviation: Floats) -> Floats:
+        """Forces `[..., n]` that a motion needs; see `mass_and_bias`."""
         packed = np.stack([x.reshape(-1, x.shape[-1]) for x in (q, v, a)])
         padded = np.pad(packed, ((0, 0), (0, -packed.shape[1] % PADDED), (0, 0)), mode="edge")
         with jax.enable_x64(True):
-            return np.asarray(self._forces(padded))[: packed.shape[1]].reshape(v.shape)
+            forces = np.asarray(self._forces(padded, factor, deviation))
+        return forces[: packed.shape[1]].reshape(v.shape)
 
     @functools.cached_property
     def _forces(self) -> Any:
-        equations, p = self._equations
-        return jax.jit(lambda x: jax.vmap(lambda q, v, a: equations.inverse_dynamics(p, q, v, a))(*x))
+        (equations, p), off = self._equations, Deviation(self.model.config)
+
+        def forces(x: Array, factor: Array, deviation: Array) -> Array:
+            own = jax.vmap(lambda q, v, a: equations.inverse_dynamics(p, q, v, a))(*x)
+            more = jax.vmap(lambda q, v, a: off.inverse_dynamics({"coefficients": deviation}, q, v, a))(*x)
+            return factor * own + more
+
+        return jax.jit(forces)
 
     @property
     def _equations(self) -> tuple[Any, Parameters]:

@@ -43,6 +43,7 @@ class TreeNumbers(NamedTuple):
         joints: `[nv, JOINT, N]`.
         motors: `[nu, MOTOR, N]`.
         loops: `[nl, LOOP, N]`.
+        deviation: `[1, K, N]` own errors of a joint model; none of bodies.
         gravity: three times `[N]`, m/s^2.
         friction: `[nv, N]` dry friction of joints, N m or N.
     """
@@ -51,6 +52,7 @@ class TreeNumbers(NamedTuple):
     joints: Traced
     motors: Traced
     loops: Traced
+    deviation: Traced
     gravity: tuple[Traced, ...]
     friction: Traced
 
@@ -59,10 +61,10 @@ class TreeNumbers(NamedTuple):
         """From `[K, N]`, see `RigidBodyTree.numbers`."""
         ends = np.cumsum([rows * width for rows, width in tree.shapes])
         *parts, gravity = jnp.split(numbers, ends)
-        bodies, joints, motors, loops = (
+        bodies, joints, motors, loops, deviation = (
             part.reshape(*shape, numbers.shape[1]) for part, shape in zip(parts, tree.shapes, strict=True)
         )
-        return cls(bodies, joints, motors, loops, tuple(gravity), joints[:, 8])
+        return cls(bodies, joints, motors, loops, deviation, tuple(gravity), joints[:, 8])
 
 
 class Column(NamedTuple):
@@ -132,9 +134,9 @@ def mass_and_bias(tree: RigidBodyTree, numbers: TreeNumbers, q: Traced, v: Trace
 
 
 def _learned(learned: LearnedDynamics, numbers: TreeNumbers, q: Traced, v: Traced) -> MassAndBias:
-    """What networks say, times the mass of the first body, which is the common factor of all energies."""
-    factor, (mass, bias) = numbers.bodies[0, 0], learned.mass_and_bias(q, v)
-    return MassAndBias([[factor * entry for entry in row] for row in mass], [factor * b for b in bias], [], [])
+    """What networks say, times the mass of the first body, and with the model's own errors."""
+    mass, bias = learned.mass_and_bias(q, v, numbers.bodies[0, 0], numbers.deviation[0])
+    return MassAndBias([list(row) for row in mass], list(bias), [], [])
 
 
 def _upwards(gravity: tuple[Traced, ...]) -> Vector:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_model.delan.rig import LearnedDynamics, learned_dynamics
+from keycld_model.delan.rig import LearnedDynamics, deviation, learned_dynamics
 from keycld_model.rigid_body.equality import LOOP, Loop, loops_of
 from keycld_model.rigid_body.scalars import Constants
 
@@ -118,8 +118,10 @@ class RigidBodyTree:
 
     @property
     def shapes(self) -> tuple[tuple[int, int], ...]:
-        """Rows and numbers per row of bodies, joints, motors and loops; gravity comes after them."""
-        return (len(self.bodies), BODY), (len(self.joints), JOINT), (len(self.motors), MOTOR), (len(self.loops), LOOP)
+        """Rows and numbers per row of bodies, joints, motors, loops, and own errors; gravity comes after them."""
+        own = 0 if self.learned is None else self.learned.deviations
+        counts = len(self.bodies), len(self.joints), len(self.motors), len(self.loops), 1
+        return tuple(zip(counts, (BODY, JOINT, MOTOR, LOOP, own), strict=True))
 
     @property
     def size(self) -> int:
@@ -145,7 +147,9 @@ class RigidBodyTree:
         bodies = [model.body_mass[1:, None], model.body_ipos[1:], model.body_inertia[1:], model.body_pos[1:]]
         gravity = model.opt.gravity * on["GRAVITY"]
         rows = np.concatenate(bodies, axis=1), _joint_numbers(model, on), _motor_numbers(model, on)
-        return np.concatenate([*(r.ravel() for r in rows), *(loop.numbers(model) for loop in self.loops), gravity])
+        own = [] if self.learned is None else deviation(model)
+        loops = (loop.numbers(model) for loop in self.loops)
+        return np.concatenate([*(r.ravel() for r in rows), *loops, own, gravity])
 
 
 def _joint_numbers(model: mujoco.MjModel, on: dict[str, bool]) -> Array:

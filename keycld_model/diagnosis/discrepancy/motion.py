@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.recordings import Recording
-from keycld_model.delan.rig import common_factor, learned_dynamics, own_inertias
+from keycld_model.delan.rig import common_factor, deviation, learned_dynamics, own_inertias
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.inputs.observation import JointPositions
@@ -164,7 +164,7 @@ def inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> Arr
         mujoco.mj_inverse(free, data)
         out[at] = data.qfrc_inverse
     if (learned := learned_dynamics(model)) is not None:
-        out += common_factor(model) * learned.forces(q, v, a) - own_inertias(model) * a
+        out += learned.forces(q, v, a, common_factor(model), deviation(model)) - own_inertias(model) * a
     return out
 
 
