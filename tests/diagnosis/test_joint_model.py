@@ -22,14 +22,16 @@ from keycld_envs.effects import (
 )
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording, write_recording
-from keycld_model import JointModel
-from keycld_model.delan import JointConfig, Motion, Motions, Preset, train
+from keycld_model import JointModel, delan
+from keycld_model.delan import JointConfig, Motions, Preset, train
+from keycld_model.delan.baseline import fit_baseline
 from keycld_model.delan.config import Family, Kind, Scales
 from keycld_model.delan.correction import scaled, with_friction
 from keycld_model.delan.deviation import Deviation
 from keycld_model.delan.families import JointDynamics
 from keycld_model.delan.rig import Motor, learned_dynamics, rig_of
-from keycld_model.diagnosis.discrepancy.motion import inverse_dynamics
+from keycld_model.diagnosis.criteria import STANDARD
+from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
 from keycld_model.diagnosis.inputs.joint_model import simulator_of
 from keycld_model.diagnosis.simulation.inertia import apply, inertial_nuisances
 from keycld_model.diagnosis.simulation.places import not_asked, places_of
@@ -203,7 +205,7 @@ def exact_pendulum() -> Motions:
             y.sum(1, keepdims=True) for y in (height * np.sin(x), height * f * np.cos(x), -height * f**2 * np.sin(x))
         )
         zero = np.zeros_like(q)
-        motions.append(Motion(f"run {run}", t, q, v, a, inertia * a - weight * np.sin(q), zero, zero))
+        motions.append(delan.Motion(f"run {run}", t, q, v, a, inertia * a - weight * np.sin(q), zero, zero))
     return Motions("formula", ("hinge",), ("hinge",), tuple(motions))
 
 
@@ -241,6 +243,23 @@ def test_a_learned_pendulum_lacks_the_friction_that_its_recordings_have(
     assert isinstance(friction, CoulombFriction) and friction.c == pytest.approx(0.1, abs=0.005)
     code, report = diagnosed(tmp_path / "with", corrected, 0.1, capsys)  # which knows it now
     assert (code, report["findings"]) == (0, [])
+
+
+@pytest.mark.slow
+def test_friction_that_was_learned_is_none_that_a_motion_lacks() -> None:
+    data = [
+        replace(r, units=of_pendulum().units)
+        for r in recordings("pendulum", 12, lambda t, q, v, u: -0.3 * np.tanh(v / 1e-3), errors=0.0, number=3)
+    ]
+    model = fit_baseline(exact_pendulum())
+    for known, lacks in ((model, 0.3), (with_friction(model, [CoulombFriction("hinge", c=0.3)])[0], 0.0)):
+        motion = Motion.of(data, simulator_of(known, data), STANDARD)
+        basis = np.linalg.qr(motion.states)[0]
+        friction, left = (
+            x - np.einsum("wri,wsi,ws->wr", basis, basis, x)
+            for x in (motion.answer(-np.tanh(motion.v / 0.05)), motion.residual)
+        )
+        assert np.sum(friction * left) / np.sum(friction**2) == pytest.approx(lacks, abs=0.08)  # zeros are off
 
 
 def test_one_simulator_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -28,7 +28,7 @@ from keycld_envs.effects.places import ActuatorEffect
 from keycld_envs.effects.transmission import TransmissionEffect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.inertias import inertial_columns
-from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
+from keycld_model.diagnosis.discrepancy.motion import RESTING, Motion, inverse_dynamics, resting
 from keycld_model.diagnosis.simulation.places import places_of
 from keycld_model.diagnosis.simulation.sampling import interpolated
 
@@ -58,8 +58,6 @@ IDEALISED_SHARE = 0.1
 """Of the forces of the motion, root mean square, that such effects are expected to have."""
 USUAL_NUMBERS = ("backward", "c", "f")
 """Parameters of these that usual terms have already."""
-RESTING = 0.05
-"""Speed below which a joint may rest, rad/s or m/s."""
 
 
 @dataclass(frozen=True)
@@ -125,11 +123,6 @@ def force_of(motion: Motion, effect: Effect) -> Array:
         force, memory = effect.advance(model, memory, *now, h)
         out[:, k] += force
     return out
-
-
-def resting(v: Array) -> Array:
-    """Share to which joints may rest at velocities, where dry friction may be any force up to its own."""
-    return 1 - np.tanh(np.abs(v) / RESTING) ** 2
 
 
 def _is_dry(effect: Effect) -> bool:
