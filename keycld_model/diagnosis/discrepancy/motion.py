@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -171,7 +172,7 @@ def _learned_dry_friction(model: mujoco.MjModel, v: Array) -> Array:
     if (learned := learned_dynamics(model)) is None:
         return np.zeros_like(v)
     with jax.enable_x64(True):
-        fading = np.asarray(learned.fading_friction(v.reshape(-1, v.shape[-1]).T)).T
+        fading = np.asarray(learned.fading_friction(jnp.asarray(v.reshape(-1, v.shape[-1]).T))).T
     most = model.dof_frictionloss + (fading.reshape(v.shape) if fading.ndim else fading)
     return -most * smooth_sign(v) * (1 - resting(v))
 
