@@ -1,7 +1,8 @@
 """Find physics that a simulator lacks, from recordings of joints."""
 
 import sys
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,9 @@ from keycld_control.cli._output import print_result
 from keycld_control.plain_json import write_json
 
 if TYPE_CHECKING:
+    from keycld_envs.recordings import Recording
+    from keycld_model import JointModel
+    from keycld_model.diagnosis import Report, Source
     from keycld_model.diagnosis.verdict.report import Finding
 
 
@@ -25,9 +29,11 @@ class Args:
         recordings: Folder of recordings with joint positions.
         env: Environment to compare with; by default the one that the recordings name.
         mjcf: MuJoCo XML file to compare with instead.
+        model: Joint model to compare with instead, a folder that `keycld delan train` wrote.
         baseline: Folder of recordings of the same mechanism from before, at least two; findings are what changed since.
         held_out: Folder of recordings to test findings on; by default a third of the recordings is held out.
-        out: Folder for report.json, report.html (the same for people), and corrected.xml (the corrected simulator).
+        out: Folder for report.json, report.html (the same for people), and corrected.xml (the corrected simulator); of
+            a joint model, corrected_model (another joint model).
         budget: Seconds after which the best so far is reported, with what was not tried; by default all is tried.
         tracked: Positions were read off images of a camera; its errors (a view askew, a rolling shutter) are refitted.
         json: Print the report as one JSON object.
@@ -36,6 +42,7 @@ class Args:
     recordings: Positional[Path]
     env: str | None = None
     mjcf: Path | None = None
+    model: Path | None = None
     baseline: Path | None = None
     held_out: Path | None = None
     out: Path | None = None
@@ -47,50 +54,86 @@ class Args:
 def run(args: Args) -> int:
     """Diagnose, write and print the report."""
     keep_compiled()
-    from keycld_envs.errors import InputError
     from keycld_envs.recordings import read_dataset
-    from keycld_model.diagnosis import Source, diagnose, write_corrected, write_page
-    from keycld_model.diagnosis.output.words import experiment
+    from keycld_model import JointModel
+    from keycld_model.diagnosis import diagnose
 
     recordings = read_dataset(args.recordings).recordings
     held_out = read_dataset(args.held_out).recordings if args.held_out else ()
     baseline = read_dataset(args.baseline).recordings if args.baseline else ()
-    if args.mjcf is not None and args.env is not None:
-        raise InputError("There are two simulators, --env and --mjcf; name one.")
-    if args.mjcf is None and args.env is None and len(systems := {r.system for r in recordings}) > 1:
-        raise InputError(
-            f"{args.recordings}, field system: the recordings name {len(systems)} simulators, "
-            f"{', '.join(sorted(map(str, systems)))}; say which to compare with, --env or --mjcf."
-        )
-    source = Source.of(args.mjcf, args.env or recordings[0].system)
+    simulator = _simulator(args, recordings)
     if args.out is not None:
         args.out.mkdir(parents=True, exist_ok=True)
-    report = diagnose(recordings, source.model, held_out, args.tracked, baseline=baseline, budget=args.budget)
+    model = simulator if isinstance(simulator, JointModel) else simulator.model
+    report = diagnose(recordings, model, held_out, args.tracked, baseline=baseline, budget=args.budget)
     if args.out is not None:
-        write_json(args.out / "report.json", report.to_dict())
-        corrected = None
-        if report.evidence is not None and source.mjcf is not None:
+        report = _write(report, simulator, args.out)
+    _print(report, args)
+    return report.exit_code
+
+
+def _simulator(args: Args, recordings: "Sequence[Recording]") -> "Source | JointModel":
+    """What is compared with the recordings."""
+    from keycld_envs.errors import InputError
+    from keycld_model import JointModel
+    from keycld_model.diagnosis import Source
+
+    given = [name for name in ("env", "mjcf", "model") if getattr(args, name) is not None]
+    if len(given) > 1:
+        raise InputError(f"There are {len(given)} simulators, {' and '.join(f'--{g}' for g in given)}; name one.")
+    if args.model is not None:
+        return JointModel.load(args.model)
+    if not given and len(systems := {r.system for r in recordings}) > 1:
+        raise InputError(
+            f"{args.recordings}, field system: the recordings name {len(systems)} simulators, "
+            f"{', '.join(sorted(map(str, systems)))}; say which to compare with, --env, --mjcf or --model."
+        )
+    return Source.of(args.mjcf, args.env or recordings[0].system)
+
+
+def _write(report: "Report", simulator: "Source | JointModel", out: Path) -> "Report":
+    """Write the report, its page, and the corrected simulator; returns the report with what that does not have."""
+    from keycld_envs.errors import InputError
+    from keycld_model import JointModel
+    from keycld_model.diagnosis import write_corrected, write_corrected_joint_model, write_page
+
+    environment = corrected = None
+    if isinstance(simulator, JointModel):
+        if report.evidence is not None:
+            left = write_corrected_joint_model(report.evidence, out / "corrected_model")
+            others = [*map(str, left), "own errors, which are refitted to the recordings at hand"]
+            report = replace(report, details={**report.details, "not_in_corrected_model": others})
+    else:
+        environment = simulator.environment
+        if report.evidence is not None and simulator.mjcf is not None:
             try:
-                write_corrected(report.evidence, source, args.out / "corrected.xml")
+                write_corrected(report.evidence, simulator, out / "corrected.xml")
                 corrected = "corrected.xml"
             except InputError as error:
                 print(f"keycld: There is no corrected.xml: {error}", file=sys.stderr)
-        write_page(report, args.out / "report.html", source.environment, corrected)
+    write_json(out / "report.json", report.to_dict())
+    write_page(report, out / "report.html", environment, corrected)
+    return report
+
+
+def _print(report: "Report", args: Args) -> None:
+    """On stdout what was found, on stderr what was not tried."""
+    from keycld_model.diagnosis.output.words import experiment
+
     for line in report.details.get("dropped", ()):
         print(f"keycld: left out, because numbers ran away: {line}", file=sys.stderr)
     if not_tried := report.details.get("not_tried"):
         print(f"keycld: after {args.budget:g} s, not tried: {', '.join(map(str, not_tried))}", file=sys.stderr)
     if args.json:
         print_result(report.to_dict(), as_json=True)
-    else:
-        print(report.headline)
-        if report.next_experiment is not None:
-            print(experiment(report.next_experiment))
-        summary = {f"{f.effect} at {f.where['name']}": _sizes(f) for f in report.findings}
-        errors = {"nominal": report.fit.nominal, "refitted": report.fit.refitted, "corrected": report.fit.corrected}
-        units = {f"held-out error {name} ({report.fit.unit})": error for name, error in errors.items()}
-        print_result({"verdict": report.verdict, **summary, **units, "held_out": report.held_out}, as_json=False)
-    return report.exit_code
+        return
+    print(report.headline)
+    if report.next_experiment is not None:
+        print(experiment(report.next_experiment))
+    summary = {f"{f.effect} at {f.where['name']}": _sizes(f) for f in report.findings}
+    errors = {"nominal": report.fit.nominal, "refitted": report.fit.refitted, "corrected": report.fit.corrected}
+    units = {f"held-out error {name} ({report.fit.unit})": error for name, error in errors.items()}
+    print_result({"verdict": report.verdict, **summary, **units, "held_out": report.held_out}, as_json=False)
 
 
 def _sizes(finding: "Finding") -> str:

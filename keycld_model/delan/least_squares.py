@@ -48,12 +48,16 @@ class LeastSquares(Lagrangian):
 
     def terms(self, q: Array, v: Array) -> Array:
         """What the coefficients multiply, `[k]`."""
-        inertias, weights = self._in_one_plane(q) if self.config.n >= LARGEST else self._polynomials(q)
+        inertias, weights = self.polynomials(q)
         products = v[self.pairs[:, 0]] * v[self.pairs[:, 1]]
         return jnp.concatenate([jnp.outer(products, inertias).ravel(), -weights])
 
-    def _polynomials(self, q: Array) -> tuple[Array, Array]:
+    def polynomials(self, q: Array) -> tuple[Array, Array]:
         """For inertias and for weight, each `[k]`."""
+        return self._in_one_plane(q) if self.config.n >= LARGEST else self._products(q)
+
+    def _products(self, q: Array) -> tuple[Array, Array]:
+        """Of any arm."""
         one = jnp.ones((), q.dtype)
         inertias, weights = [one], [one]
         for j, kind in enumerate(self.config.kinds):

@@ -154,20 +154,11 @@ def _kind(recording: Recording, joint: int) -> Kind:
 
 
 def _torques(where: str, recording: Recording, t: Floats) -> Floats:
-    """Mean torque of each joint around each sample `[T, n]`: of actuators named like joints, or in their order."""
-    joints, names = recording.joint_names, recording.actuator_names
+    """Mean torque of each joint around each sample `[T, n]`."""
+    joints = recording.joint_names
     if recording.action is None:
         raise InputError(f"{where} has no actions; joint models need the torques, import them with --action.")
-    if set(names) <= set(joints):
-        columns = [joints.index(name) for name in names]
-    elif len(names) == len(joints):
-        columns = list(range(len(joints)))
-    else:
-        raise InputError(
-            f"{where} has the actuators {list(names)} for the joints {list(joints)}; name each actuator like its joint."
-        )
-    units = recording.units.get("action", "N m")
-    factors = [_factor(where, unit) for unit in ([units] * len(names) if isinstance(units, str) else units)]
+    columns, factors = motors_of(where, recording)
     middle = (t[1:] + t[:-1]) / 2
     edges = np.concatenate([[t[0]], middle, [t[-1]]])
     edges = np.maximum(edges, np.asarray(recording.t_action)[0])
@@ -177,6 +168,25 @@ def _torques(where: str, recording: Recording, t: Floats) -> Floats:
     tau[later[:, None], columns] = means * factors
     tau[: later[0]] = tau[later[0]]
     return tau
+
+
+def motors_of(where: str, recording: Recording) -> tuple[list[int], list[float]]:
+    """Joint of each actuator, which has the joint's name or its place, and torque of one unit of its command.
+
+    Raises:
+        InputError: if actuators belong to no joints, or commands are no torques.
+    """
+    joints, names = recording.joint_names, recording.actuator_names
+    if set(names) <= set(joints):
+        columns = [joints.index(name) for name in names]
+    elif len(names) == len(joints):
+        columns = list(range(len(joints)))
+    else:
+        raise InputError(
+            f"{where} has the actuators {list(names)} for the joints {list(joints)}; name each actuator like its joint."
+        )
+    units = recording.units.get("action", "N m")
+    return columns, [_factor(where, unit) for unit in ([units] * len(names) if isinstance(units, str) else units)]
 
 
 def _factor(where: str, unit: str) -> float:

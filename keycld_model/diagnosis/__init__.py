@@ -2,9 +2,18 @@
 
 from keycld_model.diagnosis.diagnose import diagnose
 from keycld_model.diagnosis.inputs.source import Source
+from keycld_model.diagnosis.output.joint_model import write_corrected_joint_model
 from keycld_model.diagnosis.output.mjcf import write_corrected
 from keycld_model.diagnosis.output.page import write_page
 from keycld_model.diagnosis.verdict.evidence import Evidence
 from keycld_model.diagnosis.verdict.report import Report
 
-__all__ = ["Evidence", "Report", "Source", "diagnose", "write_corrected", "write_page"]
+__all__ = [
+    "Evidence",
+    "Report",
+    "Source",
+    "diagnose",
+    "write_corrected",
+    "write_corrected_joint_model",
+    "write_page",
+]

@@ -8,6 +8,8 @@ import mujoco
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
+from keycld_model.delan.model import JointModel
+from keycld_model.delan.rig import learned_dynamics
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.discrepancy.compare import compare
 from keycld_model.diagnosis.discrepancy.motion import MOST
@@ -16,6 +18,7 @@ from keycld_model.diagnosis.discrepancy.outcome import report_of
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.replay import rollout_error
 from keycld_model.diagnosis.inputs.checks import check, check_apart
+from keycld_model.diagnosis.inputs.joint_model import simulator_of
 from keycld_model.diagnosis.inputs.observation import JointPositions, Observation
 from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, split
 from keycld_model.diagnosis.inputs.ranges import Paths, beyond, notable
@@ -25,6 +28,7 @@ from keycld_model.diagnosis.search.budget import Budget
 from keycld_model.diagnosis.search.criterion import Scored
 from keycld_model.diagnosis.search.explain import Explanation, explain_either, refit, refit_accurately
 from keycld_model.diagnosis.simulation.contacts import without_contacts
+from keycld_model.diagnosis.simulation.places import not_asked
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.decide import (
     Conclusion,
@@ -50,7 +54,7 @@ from keycld_model.diagnosis.verdict.rivals import Rivals
 
 def diagnose(
     recordings: Sequence[Recording],
-    model: mujoco.MjModel,
+    model: mujoco.MjModel | JointModel,
     held_out: Sequence[Recording] = (),
     tracked: bool = False,
     observation: Observation | None = None,
@@ -62,7 +66,9 @@ def diagnose(
 
     Args:
         recordings: what was observed, and commands; a third of them is held out unless `held_out` is given.
-        model: the simulator, of hinges and slides.
+        model: the simulator, of hinges and slides; or a joint model, with its learned friction. It has no bodies:
+            one factor of all its energies is refitted in place of masses and lengths, and `details["not_asked"]` lists
+            what is of bodies and is not looked for.
         held_out: recordings to test findings on, of other amplitudes and inputs.
         tracked: joint positions were read off images of a camera, whose errors are refitted, too: a view askew, and a
             shutter that rolls.
@@ -81,21 +87,25 @@ def diagnose(
             can be learned from them; if the budget is no positive number.
     """
     spending = Budget(budget)
+    if isinstance(model, JointModel):
+        model = simulator_of(model, [*recordings, *held_out, *baseline])
     if baseline and (held_out or tracked or observation is not None):
         raise InputError(
             "A baseline is compared by positions of encoders, and parts of the recordings are held out by themselves; "
             "leave out held_out, tracked and observation."
         )
+    learned = {"not_asked": not_asked(model)} if learned_dynamics(model) is not None else {}
     if baseline:
         report = _changed(recordings, baseline, model, criteria, spending)
-        return replace(report, details={**report.details, "not_tried": spending.not_tried})
+        return replace(report, details={**report.details, "not_tried": spending.not_tried, **learned})
     if tracked and observation is not None:
         raise InputError("tracked is of joint positions, but an observation is handed in; hand in one of them.")
     encoders = not tracked and observation is None
     if observation is None:
         observation = JointPositions(model, tracked=tracked, criteria=criteria)
     report = _lacking(recordings, held_out, model, observation, criteria, spending, encoders)
-    return replace(report, details={**report.details, "not_tried": spending.not_tried, "tracked": tracked})
+    own = {"not_tried": spending.not_tried, "tracked": tracked, **learned}
+    return replace(report, details={**report.details, **own})
 
 
 def _lacking(
@@ -216,7 +226,8 @@ def _explained(
     simulator = Simulator(model, accurate_step(training), criteria=criteria)
     windows = cut(training, observation, simulator.step, criteria.sizes.window)
     accurate = refit_accurately(simulator, windows)
-    own = refit(Simulator(model, criteria=criteria), windows)
+    learned = learned_dynamics(model) is not None  # which has no integrator of its own
+    own = accurate if learned else refit(Simulator(model, criteria=criteria), windows)
     advance(10, "searching")
     sets = _Sets(advance, budget, total=60)
     explained = explain_either(accurate, own, sets.refined, budget)

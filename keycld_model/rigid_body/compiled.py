@@ -175,14 +175,15 @@ def _program(tree: RigidBodyTree, slots: EffectSlots) -> Program:
 
         def advance(i: Traced, carry: tuple[Motion, Traced]) -> tuple[Motion, Traced]:
             (q, v, before, memory, t), path = carry
-            u, here, middle, gain = control[i], own, t + h / 2, (v - before) / h
+            u, middle, gain = control[i], t + h / 2, (v - before) / h
             half_q, half_v = q + 0.5 * h * v + 0.125 * h**2 * gain, v + 0.5 * h * gain
+            here = _with_fading_friction(tree, own, half_v)
             if slots.slots:
                 bodies, gravity = effects.surroundings(own.bodies, own.gravity, middle)
                 bearing = bearing_force(tree, own, half_q, half_v, u)
                 motor = actuator_torque(tree, own, half_q, half_v, u)
-                friction = effects.dry_friction(own.friction, half_q, half_v, bearing, motor)
-                here = own._replace(bodies=bodies, gravity=gravity, friction=friction)
+                friction = effects.dry_friction(here.friction, half_q, half_v, bearing, motor)
+                here = here._replace(bodies=bodies, gravity=gravity, friction=friction)
                 force, memory = effects.forces(memory, middle, half_q, half_v, u[:nu], motor_torque(here, u), h)
                 u = jnp.concatenate([u[:nu], u[nu:] + force])
             if tree.exact_stiction:
@@ -195,6 +196,14 @@ def _program(tree: RigidBodyTree, slots: EffectSlots) -> Program:
         return jax.lax.fori_loop(0, steps, advance, (motion, path))
 
     return jax.jit(roll)
+
+
+def _with_fading_friction(tree: RigidBodyTree, numbers: TreeNumbers, v: Traced) -> TreeNumbers:
+    """With the dry friction of a joint model that fades with speed, at joints whose friction loss is not taken away."""
+    if tree.learned is None:
+        return numbers
+    more = jnp.where(numbers.friction > 0, tree.learned.fading_friction(v), 0.0)
+    return numbers._replace(friction=numbers.friction + more)
 
 
 def _runge_kutta(

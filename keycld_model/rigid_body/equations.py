@@ -12,6 +12,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from keycld_model.delan.rig import LearnedDynamics
 from keycld_model.rigid_body.frames import ORIGIN, Axis, Frame
 from keycld_model.rigid_body.friction import soft_friction
 from keycld_model.rigid_body.loops import Row, pulls, rows_of, tightened
@@ -42,6 +43,7 @@ class TreeNumbers(NamedTuple):
         joints: `[nv, JOINT, N]`.
         motors: `[nu, MOTOR, N]`.
         loops: `[nl, LOOP, N]`.
+        deviation: `[1, K, N]` own errors of a joint model; none of bodies.
         gravity: three times `[N]`, m/s^2.
         friction: `[nv, N]` dry friction of joints, N m or N.
     """
@@ -50,6 +52,7 @@ class TreeNumbers(NamedTuple):
     joints: Traced
     motors: Traced
     loops: Traced
+    deviation: Traced
     gravity: tuple[Traced, ...]
     friction: Traced
 
@@ -58,10 +61,10 @@ class TreeNumbers(NamedTuple):
         """From `[K, N]`, see `RigidBodyTree.numbers`."""
         ends = np.cumsum([rows * width for rows, width in tree.shapes])
         *parts, gravity = jnp.split(numbers, ends)
-        bodies, joints, motors, loops = (
+        bodies, joints, motors, loops, deviation = (
             part.reshape(*shape, numbers.shape[1]) for part, shape in zip(parts, tree.shapes, strict=True)
         )
-        return cls(bodies, joints, motors, loops, tuple(gravity), joints[:, 8])
+        return cls(bodies, joints, motors, loops, deviation, tuple(gravity), joints[:, 8])
 
 
 class Column(NamedTuple):
@@ -109,6 +112,8 @@ class MassAndBias(NamedTuple):
 def mass_and_bias(tree: RigidBodyTree, numbers: TreeNumbers, q: Traced, v: Traced) -> MassAndBias:
     """Of joints at positions and velocities `[nv, N]`."""
     nv = len(tree.joints)
+    if tree.learned is not None:
+        return _learned(tree.learned, numbers, q, v)
     world = ORIGIN._replace(acceleration=_upwards(numbers.gravity))
     out = MassAndBias([[0.0] * nv for _ in range(nv)], [0.0] * nv, [], [])
     for b, body in enumerate(tree.bodies):
@@ -126,6 +131,12 @@ def mass_and_bias(tree: RigidBodyTree, numbers: TreeNumbers, q: Traced, v: Trace
             out.mass[j][i] = out.mass[i][j]
     out.frames.append(world)
     return out
+
+
+def _learned(learned: LearnedDynamics, numbers: TreeNumbers, q: Traced, v: Traced) -> MassAndBias:
+    """What networks say, times the mass of the first body, and with the model's own errors."""
+    mass, bias = learned.mass_and_bias(q, v, numbers.bodies[0, 0], numbers.deviation[0])
+    return MassAndBias([list(row) for row in mass], list(bias), [], [])
 
 
 def _upwards(gravity: tuple[Traced, ...]) -> Vector:

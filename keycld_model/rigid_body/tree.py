@@ -6,12 +6,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_model.delan.rig import LearnedDynamics, deviation, learned_dynamics
 from keycld_model.rigid_body.equality import LOOP, Loop, loops_of
 from keycld_model.rigid_body.scalars import Constants
 
 Array = NDArray[np.float64]
 MOST_JOINTS = 6
-"""Joints that a tree may have: compiling takes minutes beyond, for every entry of the mass matrix is written out."""
+"""Joints that a tree of bodies may have: compiling takes minutes beyond, for every entry of the mass matrix is written
+out."""
 BODY, JOINT, MOTOR = 10, 11, 9
 """Numbers per body, joint and motor.
 
@@ -70,6 +72,7 @@ class RigidBodyTree:
         loops: that are closed.
         runge_kutta: the integrator; semi-implicit Euler with implicit damping otherwise.
         exact_stiction: dry friction stops a joint, and holds it, instead of MuJoCo's soft constraint.
+        learned: what moves the joints in place of the bodies, in rigs of joint models.
     """
 
     bodies: tuple[TreeBody, ...]
@@ -78,6 +81,7 @@ class RigidBodyTree:
     loops: tuple[Loop, ...]
     runge_kutta: bool
     exact_stiction: bool
+    learned: LearnedDynamics | None = None
 
     @classmethod
     def of(cls, model: mujoco.MjModel, exact_stiction: bool = False) -> "RigidBodyTree | None":
@@ -104,7 +108,8 @@ class RigidBodyTree:
             bodies.append(TreeBody(int(model.body_parentid[b]) - 1, own, *turns, nonzero))
         motors = tuple(int(model.actuator_trnid[i, 0]) for i in range(model.nu))
         runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        return cls(tuple(bodies), joints, motors, loops, bool(runge_kutta), exact_stiction)
+        learned = learned_dynamics(model)
+        return cls(tuple(bodies), joints, motors, loops, bool(runge_kutta), exact_stiction, learned)
 
     @property
     def length(self) -> int:
@@ -113,8 +118,10 @@ class RigidBodyTree:
 
     @property
     def shapes(self) -> tuple[tuple[int, int], ...]:
-        """Rows and numbers per row of bodies, joints, motors and loops; gravity comes after them."""
-        return (len(self.bodies), BODY), (len(self.joints), JOINT), (len(self.motors), MOTOR), (len(self.loops), LOOP)
+        """Rows and numbers per row of bodies, joints, motors, loops, and own errors; gravity comes after them."""
+        own = 0 if self.learned is None else self.learned.deviations
+        counts = len(self.bodies), len(self.joints), len(self.motors), len(self.loops), 1
+        return tuple(zip(counts, (BODY, JOINT, MOTOR, LOOP, own), strict=True))
 
     @property
     def size(self) -> int:
@@ -140,7 +147,9 @@ class RigidBodyTree:
         bodies = [model.body_mass[1:, None], model.body_ipos[1:], model.body_inertia[1:], model.body_pos[1:]]
         gravity = model.opt.gravity * on["GRAVITY"]
         rows = np.concatenate(bodies, axis=1), _joint_numbers(model, on), _motor_numbers(model, on)
-        return np.concatenate([*(r.ravel() for r in rows), *(loop.numbers(model) for loop in self.loops), gravity])
+        own = [] if self.learned is None else deviation(model)
+        loops = (loop.numbers(model) for loop in self.loops)
+        return np.concatenate([*(r.ravel() for r in rows), *loops, own, gravity])
 
 
 def _joint_numbers(model: mujoco.MjModel, on: dict[str, bool]) -> Array:
@@ -184,7 +193,8 @@ def _in_scope(model: mujoco.MjModel) -> bool:
     damped = not flags & int(_OFF.mjDSBL_EULERDAMP)
     return bool(
         np.isin(model.jnt_type, [int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)]).all()
-        and 0 < model.njnt <= MOST_JOINTS
+        and model.njnt > 0
+        and (model.njnt <= MOST_JOINTS or learned_dynamics(model) is not None)
         and (rk4 or (fast and damped and not velocity_bias))
         and (free_of("CONTACT") or not may_collide(model))
         and model.ntendon == model.nflex == model.nplugin == model.na == 0

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_model.delan.rig import ALL_LINKS, OWN_ERROR, deviation, learned_dynamics
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
 
@@ -43,8 +44,16 @@ class Inertial:
         """Whether it adds up, from zero, in place of being multiplied."""
         return self.field == "dof_armature"
 
+    @property
+    def of_learning(self) -> bool:
+        """Whether it is an own error of a joint model, which adds up, too, with any sign."""
+        return self.field == "body_user"
+
     def change(self, model: mujoco.MjModel, by: float) -> None:
-        """Change it in a model, by a share of itself; of rotors by kg m² or kg."""
+        """Change it in a model, by a share of itself; of rotors by kg m² or kg, of own errors by their unit."""
+        if self.of_learning:
+            deviation(model)[self.rows] += by
+            return
         numbers, rows = getattr(model, self.field), list(self.rows)
         if self.of_rotor:
             numbers[rows] = np.maximum(numbers[rows] + by, 0.0)
@@ -53,9 +62,14 @@ class Inertial:
 
 
 def inertials(model: mujoco.MjModel, criteria: Criteria) -> Iterator[Inertial]:
-    """All that are not zero, and rotors."""
+    """All that are not zero, and rotors; of a joint model, the common factor of its links, and its own errors."""
     spread = criteria.spreads.mass_beside_forces
-    for body in np.flatnonzero(model.body_dofnum):
+    learned = learned_dynamics(model) is not None
+    if learned:
+        yield Inertial(f"mass of {ALL_LINKS}", "body_mass", [int(model.body(ALL_LINKS).id)], spread)
+        for k in range(len(deviation(model))):
+            yield Inertial(f"{OWN_ERROR} {k + 1}", "body_user", [k], criteria.spreads.mass)
+    for body in () if learned else np.flatnonzero(model.body_dofnum):
         children = np.flatnonzero(model.body_parentid == body)
         numbers = {
             "mass": ("body_mass", [body], 1.0),
@@ -120,7 +134,8 @@ def with_own_masses(
     after = copy.copy(motion.model)
     for number in inertials(motion.model, criteria):
         value = values.get(number.name, 0.0)
-        number.change(after, value if number.of_rotor else float(np.clip(value, 1 / FACTOR - 1, FACTOR - 1)))
+        adds = number.of_rotor or number.of_learning
+        number.change(after, value if adds else float(np.clip(value, 1 / FACTOR - 1, FACTOR - 1)))
     mujoco.mj_setConst(after, mujoco.MjData(after))
     before, now = (np.sqrt(np.mean(_needed(motion, m)[0] ** 2, axis=(0, 1))) for m in (motion.model, after))
     return after if np.any(now > (1 + near) * before) else None

@@ -10,11 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.effects.functions import smooth_sign
 from keycld_envs.recordings import Recording
+from keycld_model.delan.rig import common_factor, deviation, learned_dynamics, own_inertias
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.inputs.observation import JointPositions
@@ -30,6 +34,13 @@ FINER = 5
 """Parts of each time for which an unknown force is constant, in which forces are averaged."""
 FINEST = 2e-4
 """Positions are followed no closer than this, rad or m: steps of the integrator are no better."""
+RESTING = 0.05
+"""Speed below which a joint may rest, rad/s or m/s."""
+
+
+def resting(v: Array) -> Array:
+    """Share to which joints may rest at velocities, where dry friction may be any force up to its own."""
+    return 1 - np.tanh(np.abs(v) / RESTING) ** 2
 
 
 @dataclass(frozen=True)
@@ -87,7 +98,7 @@ class Motion:
         a, windows = np.diff(v, axis=1) / h, problem.windows
         pinned.divide(FINER)
         residual, states, response = pinned.linearised()
-        return cls(
+        out = cls(
             problem,
             noise,
             middle_q,
@@ -102,6 +113,7 @@ class Motion:
             residual + np.einsum("wrjb,wbj->wr", response, pinned.forces),
             pinned.forces,
         )
+        return out._beside(_learned_dry_friction(model, middle_v))
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -153,6 +165,11 @@ class Motion:
         """Root mean square of the forces in each window, `[W, nv]`, N m or N."""
         return np.sqrt(np.mean(self.forces**2, axis=1))
 
+    def _beside(self, known: Array) -> "Motion":
+        """With forces `[W, S, nv]` that are known beside those that are not."""
+        residual, forces = self.residual - self.answer(known), self.forces - self.over_parts(known)
+        return replace(self, residual=residual, forces=forces)
+
     def take(self, rows: NDArray[np.int64]) -> "Motion":
         """Some of the windows."""
         arrays = {name: getattr(self, name)[rows] for name in _PER_WINDOW}
@@ -172,8 +189,21 @@ class Motion:
 _PER_WINDOW = ("q", "v", "a", "u", "time", "required", "states", "response", "residual", "forces")
 
 
+def _learned_dry_friction(model: mujoco.MjModel, v: Array) -> Array:
+    """Of a joint model, at velocities `[W, S, nv]`; what an ordinary simulator has is found anew."""
+    if (learned := learned_dynamics(model)) is None:
+        return np.zeros_like(v)
+    with jax.enable_x64(True):
+        fading = np.asarray(learned.fading_friction(jnp.asarray(v.reshape(-1, v.shape[-1]).T))).T
+    most = model.dof_frictionloss + (fading.reshape(v.shape) if fading.ndim else fading)
+    return -most * smooth_sign(v) * (1 - resting(v))
+
+
 def inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> Array:
-    """Generalised forces `[..., nv]` that a motion needs, without constraints."""
+    """Generalised forces `[..., nv]` that a motion needs, without constraints.
+
+    In the rig of a joint model, the inertia of its bodies gives way to what was learned.
+    """
     data, free = mujoco.MjData(model), copy.copy(model)
     free.opt.disableflags = int(free.opt.disableflags) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     out = np.empty_like(v)
@@ -181,6 +211,8 @@ def inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> Arr
         data.qpos[:], data.qvel[:], data.qacc[:] = q[at], v[at], a[at]
         mujoco.mj_inverse(free, data)
         out[at] = data.qfrc_inverse
+    if (learned := learned_dynamics(model)) is not None:
+        out += learned.forces(q, v, a, common_factor(model), deviation(model)) - own_inertias(model) * a
     return out
 
 

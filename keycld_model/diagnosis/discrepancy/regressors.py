@@ -28,7 +28,8 @@ from keycld_envs.effects.places import ActuatorEffect
 from keycld_envs.effects.transmission import TransmissionEffect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.inertias import inertial_columns
-from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
+from keycld_model.diagnosis.discrepancy.motion import RESTING, Motion, inverse_dynamics, resting
+from keycld_model.diagnosis.simulation.places import places_of
 from keycld_model.diagnosis.simulation.sampling import interpolated
 
 Array = NDArray[np.float64]
@@ -57,8 +58,6 @@ IDEALISED_SHARE = 0.1
 """Of the forces of the motion, root mean square, that such effects are expected to have."""
 USUAL_NUMBERS = ("backward", "c", "f")
 """Parameters of these that usual terms have already."""
-RESTING = 0.05
-"""Speed below which a joint may rest, rad/s or m/s."""
 
 
 @dataclass(frozen=True)
@@ -126,11 +125,6 @@ def force_of(motion: Motion, effect: Effect, v: Array | None = None) -> Array:
     return out
 
 
-def resting(v: Array) -> Array:
-    """Share to which joints may rest at velocities, where dry friction may be any force up to its own."""
-    return 1 - np.tanh(np.abs(v) / RESTING) ** 2
-
-
 def _is_dry(effect: Effect) -> bool:
     return effect.confusable is not None and effect.confusable.group == "dry friction"
 
@@ -190,7 +184,7 @@ def shared_terms(motion: Motion, criteria: Criteria, held: bool = False) -> list
     out = [Term(*own) for own in inertial_columns(motion, criteria, held)] + _zeros(motion, criteria)
     for kind in USUAL:
         spread = 0.02 if kind is ActuatorDelay else np.inf  # s
-        for absent in kind.candidates(model):
+        for absent in places_of(kind, model):
             if can_be_tested(absent, model):
                 (number,) = absent.parameters()
                 little = absent.with_parameters(**{number.name: number.absent + number.scale})
@@ -205,7 +199,7 @@ def _idealised(motion: Motion) -> list[Term]:
     """What friction and motors are beyond the simplest forms, expected to be a share of the forces of the motion."""
     model, out = motion.model, []
     for kind in IDEALISED:
-        for absent in kind.candidates(model):
+        for absent in places_of(kind, model):
             if not can_be_tested(absent, model):
                 continue
             for number in absent.parameters():

@@ -8,6 +8,7 @@ from keycld_envs.effects import Effect
 from keycld_model.diagnosis.search.criterion import Scored, dispersion, penalty, score_of
 from keycld_model.diagnosis.search.effort import EFFORT
 from keycld_model.diagnosis.search.search import Search
+from keycld_model.diagnosis.simulation.places import places_of
 
 
 def rivals_of(search: Search, best: Scored, effect: Effect) -> list[Scored]:
@@ -46,13 +47,13 @@ def _everywhere(search: Search, best: Scored) -> Iterator[tuple[list[Effect], li
     model, kinds = search.problem.simulator.model, list(dict.fromkeys(type(h.effect) for h in search.hypotheses))
     for one, many in ((one, many) for one in kinds for many in kinds if one.same_everywhere == many.id):
         now = [e for e in best.fit.effects if isinstance(e, one | many)]
-        places, size = many.candidates(model), float(np.mean([e.size for e in now])) if now else 0.0
+        places, size = places_of(many, model), float(np.mean([e.size for e in now])) if now else 0.0
         if len(places) < 2 or size <= 0:
             continue
         if [type(e) for e in now] == [one]:
             yield now, [e.of_size(size) for e in places]
         elif [type(e) for e in now] == [many] * len(places):
-            yield now, [e.of_size(size) for e in one.candidates(model)]
+            yield now, [e.of_size(size) for e in places_of(one, model)]
 
 
 def confusable_sets(search: Search, best: Scored) -> list[Scored]:

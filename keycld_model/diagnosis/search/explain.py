@@ -87,10 +87,12 @@ def explain_either(accurate: Fit, own: Fit, refined: Refined, budget: Budget) ->
 
     Args:
         accurate: nuisances fitted with an accurate integrator.
-        own: with the model's.
+        own: with the model's; the same fit if there is none.
         refined: called with every set that was refined; raises OutOfTime when there is no time for more.
         budget: of seconds.
     """
+    if own is accurate:
+        return explain(accurate, refined)
     better = accurate.excess > 0 and own.excess < 0.5 * accurate.excess  # else an accurate one leaves but noise
     first, second = (own, accurate) if better else (accurate, own)
     explained = explain(first, refined)
@@ -197,7 +199,7 @@ def _finer(refitted: Fit, search: Search, best: Scored) -> tuple[Fit, Fit] | Non
 def coarseness(fit: Fit) -> float:
     """Nats by which steps half as long change what a fit predicts, beyond its initial states, from a few windows.
 
-    Both by MuJoCo: nothing is compiled for this.
+    Both by MuJoCo, if it can: nothing is compiled for this.
     """
     windows, simulator = fit.problem.windows, fit.problem.simulator
     some = np.unique(np.linspace(0, len(windows) - 1, 8).round().astype(int))

@@ -14,6 +14,7 @@ from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.linearisation import Linearisation
 from keycld_model.diagnosis.estimation.push_responses import push_responses
 from keycld_model.diagnosis.inputs.windows import Windows
+from keycld_model.diagnosis.simulation.places import places_of
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,7 @@ def hypotheses(model: mujoco.MjModel, shown: Seen, exclude: Iterable[str] = ()) 
         if kind.id in exclude or not kind.searched:
             continue
         coefficients = tuple(p for p in kind.parameters() if not p.grid)
-        for effect in kind.candidates(model):
+        for effect in places_of(kind, model):
             grids = effect.grids(model, shown)
             for values in itertools.product(*grids.values()):
                 out.append(Hypothesis(effect.with_parameters(**dict(zip(grids, values, strict=True))), coefficients))

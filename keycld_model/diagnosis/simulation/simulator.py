@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.constants import update_constants
+from keycld_model.delan.rig import learned_dynamics
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.inputs.windows import Windows
 from keycld_model.diagnosis.simulation.hidden_states import MotorStates, effects_that_push
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 class Simulator:
-    """Rollouts of a MuJoCo model of hinges and slides.
+    """Rollouts of a MuJoCo model of hinges and slides, or of the rig of a joint model.
 
     Attributes:
         model: as it is believed to be.
@@ -52,6 +53,7 @@ class Simulator:
         self._models = ModelPool(self.model)
         self._threads, self._mujoco = threads, MujocoEngine(self.model, threads)
         self._motors = MotorStates(self.model, self._mujoco.size)
+        compiled = compiled or learned_dynamics(model) is not None  # of which MuJoCo knows nothing
         self._fast = CompiledEngine.of(self.model, exact_stiction=not self.own_integrator) if compiled else None
 
     def with_step(self, step: float, compiled: bool = True) -> "Simulator":

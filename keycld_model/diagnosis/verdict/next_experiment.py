@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.recordings import Recording
+from keycld_model.delan.rig import learned_dynamics
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.parameters import effect_parameters
 from keycld_model.diagnosis.estimation.point import Point
@@ -136,12 +137,14 @@ def _motions(model: mujoco.MjModel, recordings: Sequence[Recording], n: int) -> 
 
 def _rest(model: mujoco.MjModel, recordings: Sequence[Recording]) -> Array:
     """The recorded pose with the least potential energy, `[nv]`."""
-    data, poses = mujoco.MjData(model), []
+    data, poses, learned = mujoco.MjData(model), [], learned_dynamics(model)
     for r in recordings:
         q = np.asarray(r.qpos)
         poses.extend(q[np.isfinite(q).all(axis=1)][:: max(1, len(q) // 50)])
 
     def energy(pose: Array) -> float:
+        if learned is not None:
+            return float(learned.model.potential_energy(pose))
         data.qpos[:] = pose
         mujoco.mj_kinematics(model, data)
         return float(-np.sum(model.body_mass[:, None] * data.xipos * model.opt.gravity))
