@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from keycld_envs.effects import Effect
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import STANDARD
+from keycld_model.diagnosis.discrepancy.motion import inverse_dynamics
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.point import Point
@@ -90,6 +91,7 @@ __all__ = [
     "average_commands",
     "check",
     "check_apart",
+    "inverse_dynamics",
     "minimise",
     "predicted",
     "refit",

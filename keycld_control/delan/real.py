@@ -1,7 +1,8 @@
 """All joint models on the logs of other people's robots; every model leaves a line, so that nothing is done twice."""
 
+import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,17 @@ from keycld_control.delan.families import trained
 from keycld_control.delan.logs import all_logs
 from keycld_control.delan.plan import TITLES
 from keycld_control.delan.rollouts import rollouts
+from keycld_control.delan.simulators import METHODS, Simulated
 from keycld_envs.errors import InputError
-from keycld_model.delan import Motions
+from keycld_envs.recordings import Recording
+from keycld_model.delan import JointModel, Motions
 from keycld_model.delan.measures import score
 
-SCHEMA, FILE = "keycld.delan-real/1", "results.jsonl"
+SCHEMA, FILE = "keycld.delan-real/2", "results.jsonl"
 BAND = 6.0
 """Hz: links of the double pendulum vibrate at 8 to 12 (docs/notebook/2026-11-25-vibrations.md)."""
+MODELS = TITLES | {"sysid": "simulator, mujoco.sysid", "corrected": "simulator, corrected by the diagnosis"}
+"""Models of the table, by name."""
 SHARES = (1.0, 0.25)
 """Of each training recording, from its start, as if it had been stopped there."""
 FRICTION = ("viscous_friction", "coulomb_friction")
@@ -33,7 +38,7 @@ class Trial:
 
     Attributes:
         rig: name of `logs.all_logs`.
-        model: preset, or "least_squares".
+        model: preset, "least_squares", or a method of `simulators`.
         share: of each training recording.
         seed: of initialisation, and of the tenths of recordings that say when to stop.
         band: Hz, of all signals.
@@ -63,7 +68,7 @@ def trials(
     Raises:
         InputError: if a name is unknown, or a number out of range.
     """
-    for option, names, known in (("--rig", rigs, list(all_logs())), ("--model", models, list(TITLES))):
+    for option, names, known in (("--rig", rigs, list(all_logs())), ("--model", models, list(MODELS))):
         if unknown := [name for name in names if name not in known]:
             raise InputError(f"{option} names {unknown[0]!r}; there are {', '.join(known)}.")
     if bad := [share for share in shares if not 0 < share <= 1]:
@@ -74,8 +79,9 @@ def trials(
         Trial(rig, model, share, seed, band)
         for rig in rigs or all_logs()
         for share in shares or SHARES
-        for model in models or TITLES
-        for seed in range(1 if model == "least_squares" else seeds)
+        for model in models or MODELS
+        if model not in METHODS or all_logs()[rig].rig is not None
+        for seed in range(1 if model in ("least_squares", *METHODS) else seeds)
     ]
 
 
@@ -118,10 +124,14 @@ def _do(out: Path, data: Path, planned: Sequence[Trial], number: int) -> None:
     trial = planned[number]
     whole, held_out = _motions(trial.rig, data, trial.band)
     motions = whole.beginning(trial.share)
-    by_parts = motions if trial.model == "least_squares" else motions.cut()
-    friction = () if trial.model == "feed_forward" else FRICTION
-    model, about = trained(trial.model, by_parts, out / "models" / trial.name, trial.seed, friction)
-    scores, found = score(model, held_out), model.inverse_dynamics(*(held_out.all(name) for name in "qva"))
+    usual = float(np.sqrt(np.mean(np.square(motions.scales().position))))
+    if trial.model in METHODS:
+        model, about = _simulator(trial, data)
+        found = model.inverse_dynamics(*(held_out.all(name) for name in "qva"))
+    else:
+        model, about = _trained(trial, motions, out)
+        about |= {"acceleration_share": score(model, held_out).acceleration_share}
+        found = model.inverse_dynamics(*(held_out.all(name) for name in "qva"))
     tau = held_out.all("tau")
     each = np.mean((found - tau) ** 2, axis=0) / tau.var(axis=0)
     line = {
@@ -130,12 +140,41 @@ def _do(out: Path, data: Path, planned: Sequence[Trial], number: int) -> None:
         **about,
         "samples": len(motions.all("q")),
         "held_out": list(held_out.ids),
-        "torque_share": scores.torque_share,
+        "torque_share": float(each.mean()),
         "torque_share_of": dict(zip(held_out.joints, each.tolist(), strict=True)),
-        "acceleration_share": scores.acceleration_share,
-        "rollouts": asdict(rollouts(model, held_out)),
-        "friction": {
+        "rollouts": asdict(rollouts(model, held_out, usual)),
+        "effects": {
             f"{e.id} at {e.where}": {p.name: getattr(e, p.name) for p in e.parameters()} for e in model.effects
         },
     }
     add_line(out / FILE, line)
+
+
+def _trained(trial: Trial, motions: Motions, out: Path) -> tuple[JointModel, dict[str, Any]]:
+    """A joint model."""
+    by_parts = motions if trial.model == "least_squares" else motions.cut()
+    friction = () if trial.model == "feed_forward" else FRICTION
+    return trained(trial.model, by_parts, out / "models" / trial.name, trial.seed, friction)
+
+
+def _simulator(trial: Trial, data: Path) -> tuple[Simulated, dict[str, Any]]:
+    """A simulator that was fitted to recordings as they are, without a band."""
+    logs, started = all_logs()[trial.rig], time.perf_counter()
+    model = logs.simulator(data)
+    if model is None:
+        raise InputError(f"--rig {trial.rig} has no simulator; leave out {', '.join(METHODS)}.")
+    recordings = [beginning(file.recording(data), trial.share) for file in logs.training]
+    found = METHODS[trial.model](recordings, model)
+    return found, {"seconds": round(time.perf_counter() - started, 1), "iterations": None}
+
+
+def beginning(recording: Recording, share: float) -> Recording:
+    """The first part of a recording, a share of its time."""
+    t, u = np.asarray(recording.t_state), np.asarray(recording.t_action)
+    end = t[0] + share * (t[-1] - t[0])
+    states, actions = t <= end, u <= end
+    kept = {name: getattr(recording, name)[states] for name in ("t_state", "qpos")}
+    if recording.qvel is not None:
+        kept["qvel"] = recording.qvel[states]
+    kept |= {"t_action": u[actions], "action": np.asarray(recording.action)[actions]}
+    return replace(recording, **kept)

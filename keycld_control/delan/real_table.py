@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from keycld_control.delan.plan import TITLES
+from keycld_control.delan.real import MODELS
 from keycld_control.delan.rollouts import SECONDS
 from keycld_control.paper.tables import Table
 from keycld_envs.files import atomic_file
@@ -48,11 +48,11 @@ def winners(results: Sequence[Result]) -> list[dict[str, Any]]:
     """The best model of each group by torques, and by rollouts; means over seeds. One model alone wins nothing."""
     found = []
     for group in groups(results):
-        if sum(bool(errors(results, group, model)) for model in TITLES) < 2:
+        if sum(bool(errors(results, group, model)) for model in MODELS) < 2:
             continue
         best = {}
         for measure in ("torque", "rollout"):
-            means = {m: np.mean(e) for m in TITLES if (e := errors(results, group, m, measure))}
+            means = {m: np.mean(e) for m in MODELS if (e := errors(results, group, m, measure))}
             best[measure] = min(means, key=lambda m: means[m])
         found.append(dict(zip(("rig", "share", "band"), group, strict=True)) | best)
     return found
@@ -60,7 +60,7 @@ def winners(results: Sequence[Result]) -> list[dict[str, Any]]:
 
 def real_table(results: Sequence[Result]) -> Table:
     """Errors on held-out recordings; the best of a row is bold."""
-    models = [m for m in TITLES if any(r["model"] == m for r in results)]
+    models = [m for m in MODELS if any(r["model"] == m for r in results)]
     best_of = {(best["rig"], best["share"], best["band"]): best for best in winners(results)}
     rows = []
     for group in groups(results):
@@ -78,7 +78,7 @@ def real_table(results: Sequence[Result]) -> Table:
         "Squared error of torques over their variance, mean of the joints; then the median over rollouts of "
         f"{SECONDS:g} s of the root mean square error of positions, 1e-3 rad. Means over seeds. The share is of each "
         "training recording, from its start.",
-        ("rig", "training data", "band", *(TITLES[m] for m in models)),
+        ("rig", "training data", "band", *(MODELS[m] for m in models)),
         tuple(rows),
     )
 

@@ -1,7 +1,7 @@
 """What a joint model is made of, as frozen dataclasses. One field changed is one ablation."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal, get_args
 
 from keycld_envs.checks import check_choice, check_number, check_whole
@@ -84,6 +84,13 @@ class JointConfig:
     def n(self) -> int:
         """Number of joints."""
         return len(self.joints)
+
+    def after_the_first(self) -> "JointConfig | None":
+        """The same of all joints but the first; None if there is no other."""
+        if self.n == 1:
+            return None
+        scales = Scales(*(getattr(self.scales, f.name)[1:] for f in fields(Scales)))
+        return replace(self, joints=self.joints[1:], kinds=self.kinds[1:], scales=scales)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-compatible data, the inverse of `from_dict`."""

@@ -28,6 +28,7 @@ class Deviation(Lagrangian):
     def __init__(self, config: JointConfig) -> None:
         super().__init__(config)
         self.arm, self.potential = LeastSquares(config), PotentialNetwork(config)
+        self.slides = np.array([kind == "slide" for kind in config.kinds])
         root, pairs = np.sqrt(inertia_scale(config)), self.arm.pairs
         self.inertia = root[pairs[:, 0]] * root[pairs[:, 1]]
 
@@ -46,7 +47,7 @@ class Deviation(Lagrangian):
 
     def terms(self, q: Array, v: Array) -> Array:
         """What the coefficients multiply, `[k]`, J."""
-        config, pairs, slides = self.config, self.arm.pairs, self.potential.slides
+        config, pairs, slides = self.config, self.arm.pairs, self.slides
         reach = jnp.where(slides, (q - np.array(config.scales.centre)) / np.array(config.scales.position), q)
         inertias, weights = self.arm.polynomials(reach)
         if config.n > WHOLE:

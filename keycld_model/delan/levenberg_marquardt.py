@@ -27,6 +27,10 @@ FACTOR = 4.0
 START, LEAST, MOST = 1e-4, 1e-13, 1e6
 """Damping at the start, and its bounds, all per residual."""
 
+FEWEST = 1e-3
+"""Weights of a group that errors determine at least: none at all would end it for good."""
+TIGHTEST = 1e12
+"""Most that errors may count for beside weights a priori, as a ratio of variances."""
 MOST_DETERMINED = 0.9
 """Share of the independent errors that weights can use up at most, so that some are left to tell the noise."""
 
@@ -38,14 +42,14 @@ class Point:
     Attributes:
         w: `[P]` weights.
         damping: added to the diagonal of the normal equations, per residual.
-        prior: variance of the errors over that of the weights a priori.
+        prior: variance of the errors over that of the weights a priori, of each group.
         cost: mean square of the weighted errors; infinite before the first step.
         stuck: no damping gives a step downwards.
     """
 
     w: Floats
     damping: float = START
-    prior: float = 0.0
+    prior: tuple[float, ...] = ()
     cost: float = np.inf
     stuck: bool = False
 
@@ -56,14 +60,14 @@ class LeastSquaresProblem:
     Args:
         errors: maps weights `[P]` and one sample, a tuple of arrays, to its weighted errors `[k]`.
         samples: arrays of one length.
-        held: `[P]`, which weights are normal a priori.
+        groups: `[P]`, from 0 on: weights of one group are normal a priori, of one variance; those of -1 are free.
         repeats: samples that say the same, because errors of neighbours are alike.
     """
 
     def __init__(
-        self, errors: Callable[..., Array], samples: tuple[Floats, ...], held: NDArray[np.bool_], repeats: float = 1.0
+        self, errors: Callable[..., Array], samples: tuple[Floats, ...], groups: NDArray[np.int_], repeats: float = 1.0
     ) -> None:
-        self.held, self.repeats = held, repeats
+        self.groups, self.repeats = groups, repeats
         number = len(samples[0])
         padded = -number % CHUNK
         arrays = [np.concatenate([s, np.repeat(s[-1:], padded, axis=0)]) for s in samples]
@@ -109,35 +113,44 @@ def step(problem: LeastSquaresProblem, point: Point) -> Point:
     """The best step that some damping gives, if any goes downwards, with the prior that is most likely before it."""
     matrix, vector, rows = problem.normal_equations(point.w)
     cost = point.cost if np.isfinite(point.cost) else problem.cost(point.w)
-    diagonal, held = matrix.diagonal().copy(), problem.held
+    diagonal = matrix.diagonal().copy()
     prior = _likely_prior(matrix, point, problem, cost * rows, rows)
-    vector = vector + prior * held * point.w
-    goal, damping = cost * rows + prior * np.sum(held * point.w**2), point.damping
+    held = np.append(prior, 0.0)[problem.groups]
+    vector = vector + held * point.w
+    goal, damping = cost * rows + np.sum(held * point.w**2), point.damping
     while damping <= MOST:
-        np.fill_diagonal(matrix, diagonal + prior * held + damping * rows)
+        np.fill_diagonal(matrix, diagonal + held + damping * rows)
         try:
             w = point.w - cho_solve(cho_factor(matrix, lower=True), vector)
             found = problem.cost(w)
         except np.linalg.LinAlgError:
             found, w = np.inf, point.w
-        if found * rows + prior * np.sum(held * w**2) < goal:
+        if found * rows + np.sum(held * w**2) < goal:
             return Point(w, max(damping / FACTOR, LEAST), prior, found)
         damping *= FACTOR
     return replace(point, cost=cost, stuck=True)
 
 
-def _likely_prior(matrix: Floats, point: Point, problem: LeastSquaresProblem, squares: float, rows: int) -> float:
-    """Update of the prior by the number of weights that the errors determine (MacKay, 1992, equation 4.8)."""
-    held, independent = problem.held, rows / problem.repeats
-    weights = float(np.sum(held * point.w**2))
-    if not np.isfinite(point.cost) or weights == 0:
-        return point.prior
+def _likely_prior(
+    matrix: Floats, point: Point, problem: LeastSquaresProblem, squares: float, rows: int
+) -> tuple[float, ...]:
+    """Update of the priors by the number of weights that the errors determine (MacKay, 1992, equation 4.8)."""
+    groups, independent = problem.groups, rows / problem.repeats
+    members = [np.flatnonzero(groups == g) for g in range(int(groups.max(initial=-1)) + 1)]
+    prior = np.array(point.prior or (0.0,) * len(members))
+    if not np.isfinite(point.cost) or not members:
+        return tuple(prior.tolist())
+    held = np.append(prior, 0.0)[groups]
     whole = matrix.copy(order="F")
-    whole[np.diag_indices_from(whole)] += point.prior * held + LEAST * rows
+    whole[np.diag_indices_from(whole)] += held + LEAST * rows
     factor, failed = dpotrf(whole, lower=1, overwrite_a=1)
     inverse, failed = dpotri(factor, lower=1, overwrite_c=1) if not failed else (factor, failed)
     if failed:
-        return point.prior
-    determined = float(held.sum() - point.prior * np.sum(held * inverse.diagonal()))
-    determined = float(np.clip(determined, 1.0, min(held.sum(), MOST_DETERMINED * independent)))
-    return determined * squares / ((independent - determined) * weights)
+        return tuple(prior.tolist())
+    free = 1 - held * inverse.diagonal()
+    determined = np.array([max(float(free[own].sum()), FEWEST) for own in members])
+    determined *= min(1.0, MOST_DETERMINED * independent / determined.sum())
+    weights = np.array([np.sum(point.w[own] ** 2) for own in members])
+    with np.errstate(divide="ignore"):
+        found = determined * squares / ((independent - determined.sum()) * weights)
+    return tuple(np.where(weights > 0, np.minimum(found, TIGHTEST), prior).tolist())

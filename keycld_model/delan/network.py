@@ -1,9 +1,10 @@
 """Small networks of joint positions, as functions of nested dictionaries of weights."""
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -11,6 +12,8 @@ from jax import Array
 from keycld_model.delan.config import JointConfig
 
 Parameters = dict[str, Any]
+ONE_PLANE = 4
+"""Joints from which on polynomials are those of one plane: of three hinges there are 26, of four 80."""
 LAST = 0.1
 """Factor on the initial weights of the last layer, so that models begin near zero."""
 
@@ -48,6 +51,33 @@ def encode(config: JointConfig, q: Array) -> Array:
     hinges = np.array([kind == "hinge" for kind in config.kinds])
     slides = (q - np.array(config.scales.centre)) / np.array(config.scales.position)
     return jnp.concatenate([jnp.cos(q[hinges]), jnp.sin(q[hinges]), slides[~hinges]])
+
+
+def polynomials(config: JointConfig, q: Array) -> Array:
+    """What energies of rigid arms are linear in: `[n]` to `[k]`, without the constant.
+
+    Products over the joints of one, cosine and sine (hinges) or scaled position (slides), 3^n - 1 of n hinges. From
+    `ONE_PLANE` joints on, those of an arm in one plane are taken: cosines and sines of sums of angles of joints that
+    follow each other.
+    """
+    encoded = encode(config, q)
+    hinges = [kind == "hinge" for kind in config.kinds]
+    turning = sum(hinges)
+    if config.n >= ONE_PLANE:
+        angles = jnp.where(np.array(hinges), q, 0.0)
+        sums = jnp.stack([angles[i:j].sum() for i in range(config.n) for j in range(i + 1, config.n + 1)])
+        return jnp.concatenate([jnp.cos(sums), jnp.sin(sums), encoded[2 * turning :]])
+    cosines, sines, slides = (iter(x) for x in jnp.split(encoded, [turning, 2 * turning]))
+    products = [jnp.ones((), encoded.dtype)]
+    for hinge in hinges:
+        first = [next(cosines), next(sines)] if hinge else [next(slides)]
+        products = [a * b for a, b in product(products, [products[0], *first])]
+    return jnp.stack(products[1:])
+
+
+def polynomials_size(config: JointConfig) -> int:
+    """Length of `polynomials`."""
+    return jax.eval_shape(lambda q: polynomials(config, q), np.zeros(config.n)).shape[0]
 
 
 def hidden_sizes(config: JointConfig) -> list[int]:

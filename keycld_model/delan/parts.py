@@ -6,7 +6,16 @@ import numpy as np
 from jax import Array
 
 from keycld_model.delan.config import JointConfig
-from keycld_model.delan.network import Parameters, encode, encoding_size, hidden_sizes, initial_network, network
+from keycld_model.delan.network import (
+    Parameters,
+    encode,
+    encoding_size,
+    hidden_sizes,
+    initial_network,
+    network,
+    polynomials,
+    polynomials_size,
+)
 
 SHIFT, LEAST = 1.0, 0.01
 """A factor's diagonal is softplus(network + SHIFT) + LEAST, in units of its scale: positive, and first near one."""
@@ -14,6 +23,8 @@ SHIFT, LEAST = 1.0, 0.01
 
 class FactorNetwork:
     """Lower triangular L(q) with a positive diagonal, so that L L^T is positive definite.
+
+    It does not hang on the first joint: that turns or shifts all that moves with it, which leaves inertias as they are.
 
     Args:
         config: joints and sizes.
@@ -23,38 +34,49 @@ class FactorNetwork:
     def __init__(self, config: JointConfig, scale: np.ndarray) -> None:
         self.config, self.root = config, np.sqrt(scale)
         self.rows, self.columns = np.tril_indices(config.n)
+        self.others = config.after_the_first()
 
     def initial(self, rng: np.random.Generator) -> Parameters:
         """Weights to begin with."""
-        return initial_network(rng, [encoding_size(self.config), *hidden_sizes(self.config), len(self.rows)])
+        if self.others is None:
+            return {"constant": np.zeros(len(self.rows))}
+        return initial_sum(self.others, rng, len(self.rows))
 
-    def __call__(self, layers: Parameters, q: Array) -> Array:
+    def __call__(self, p: Parameters, q: Array) -> Array:
         """L(q), `[n, n]`."""
-        out = network(layers, encode(self.config, q))
+        out = p["constant"] if self.others is None else polynomials_and_network(self.others, p, q[1:])
         out = jnp.where(self.rows == self.columns, jax.nn.softplus(out + SHIFT) + LEAST, out)
         lower = jnp.zeros((self.config.n, self.config.n), out.dtype).at[self.rows, self.columns].set(out)
         return jnp.asarray(self.root)[:, None] * lower
 
 
 class PotentialNetwork:
-    """V(q): a network, and a term linear in the positions of slides, along which weight does not return."""
+    """V(q)."""
 
     def __init__(self, config: JointConfig) -> None:
         self.config = config
-        self.slides = np.array([kind == "slide" for kind in config.kinds])
-        arm = np.where(self.slides, config.scales.position, 1.0)
+        slides = np.array([kind == "slide" for kind in config.kinds])
+        arm = np.where(slides, config.scales.position, 1.0)
         self.scale = float(np.max(arm * np.array(config.scales.torque)))
 
     def initial(self, rng: np.random.Generator) -> Parameters:
         """Weights to begin with."""
-        layers = initial_network(rng, [encoding_size(self.config), *hidden_sizes(self.config), 1])
-        return {"network": layers, "linear": np.zeros(int(self.slides.sum()))}
+        return initial_sum(self.config, rng, 1)
 
     def __call__(self, p: Parameters, q: Array) -> Array:
         """V(q), J."""
-        x = encode(self.config, q)
-        slides = x[x.shape[0] - int(self.slides.sum()) :]
-        return self.scale * (network(p["network"], x)[0] + slides @ p["linear"])
+        return self.scale * polynomials_and_network(self.config, p, q)[0]
+
+
+def initial_sum(config: JointConfig, rng: np.random.Generator, outputs: int) -> Parameters:
+    """Weights of `polynomials_and_network`."""
+    layers = initial_network(rng, [encoding_size(config), *hidden_sizes(config), outputs])
+    return {"network": layers, "linear": np.zeros((polynomials_size(config), outputs))}
+
+
+def polynomials_and_network(config: JointConfig, p: Parameters, q: Array) -> Array:
+    """What rigid arms are nearly linear in, and a network for the rest; `[n]` to `[outputs]`."""
+    return polynomials(config, q) @ p["linear"] + network(p["network"], encode(config, q))
 
 
 def inertia_scale(config: JointConfig) -> np.ndarray:

@@ -133,7 +133,7 @@ class _State:
     def of(cls, tensors: dict[str, Any], numbers: dict[str, Any]) -> "_State":
         """What was saved."""
         n: dict[str, Any] = {name: float("inf") if value is None else value for name, value in numbers.items()}
-        point = Point(tensors["w"], n.pop("damping"), n.pop("prior"), n.pop("cost"), n.pop("stuck"))
+        point = Point(tensors["w"], n.pop("damping"), tuple(n.pop("prior")), n.pop("cost"), n.pop("stuck"))
         return cls(point, tensors["best"], tensors["anchor"], **n)
 
 
@@ -239,15 +239,23 @@ class _Run:
             anchor = self._parameters(state.anchor)
             weights = torque_weights(self.dynamics, anchor, samples, std)
             repeats = repeated(self.dynamics, anchor, samples)
-        held = self._networks() & a_std.any()
-        return LeastSquaresProblem(self._errors(), (*samples, np.array(weights)), held, repeats)
+        groups = self._groups() if a_std.any() else np.full(len(state.best), -1)
+        return LeastSquaresProblem(self._errors(), (*samples, np.array(weights)), groups, repeats)
 
-    def _networks(self) -> NDArray[np.bool_]:
-        """Which weights are of networks, not of friction."""
+    def _groups(self) -> NDArray[np.int_]:
+        """Which weights have a prior of one width: those of one network, or of one linear part; -1 is friction."""
         first = self.dynamics.initial(self.seed)
-        parts = {name: jax.tree.map(lambda x: np.ones(np.shape(x)), tree) for name, tree in first.items()}
-        parts["friction"] = jax.tree.map(np.zeros_like, parts["friction"])
-        return np.concatenate([np.ravel(x) for x in jax.tree.leaves(parts)]) > 0
+        names: dict[str, int] = {}
+
+        def group(path: tuple[Any, ...], x: Any) -> NDArray[np.int_]:
+            keys = [str(k.key) for k in path]
+            if keys[0] == "friction":
+                return np.full(np.shape(x), -1)
+            name = ".".join(k for k in keys if not k.startswith("layer_") and k not in ("kernel", "bias"))
+            return np.full(np.shape(x), names.setdefault(name, len(names)))
+
+        parts = jax.tree_util.tree_map_with_path(group, first)
+        return np.concatenate([np.ravel(x) for x in jax.tree.leaves(parts)])
 
     def _errors(self) -> Callable[..., jax.Array]:
         def errors(w: jax.Array, q: jax.Array, v: jax.Array, a: jax.Array, tau: jax.Array, weight: jax.Array) -> Any:

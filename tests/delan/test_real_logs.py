@@ -91,7 +91,7 @@ def test_rollouts_of_an_exact_model_stay_with_the_motion(letters: Path) -> None:
     wrong.parameters["equations"]["coefficients"][:] *= np.linspace(
         0.5, 1.5, len(wrong.parameters["equations"]["coefficients"])
     )
-    good, bad = rollouts(exact, motions), rollouts(wrong, motions)
+    good, bad = rollouts(exact, motions, 1.0), rollouts(wrong, motions, 1.0)
     assert good.number == bad.number == 6 * (59 // 12)
     assert good.median is not None and good.median < 5
     assert good.lost == 0
@@ -139,7 +139,7 @@ def test_real_goes_on_where_it_stopped(tmp_path: Path, capsys: pytest.CaptureFix
     assert json.loads(capsys.readouterr().out)["winners"] == []  # alone
     first = results(out)
     assert first[0]["torque_share"] < 1e-3  # the band passes a sine of a sum otherwise than the sum
-    assert first[0]["friction"]["viscous_friction at hinge"]["b"] == pytest.approx(B, rel=0.02)
+    assert first[0]["effects"]["viscous_friction at hinge"]["b"] == pytest.approx(B, rel=0.02)
     assert main([*words, "--model", "least_squares"]) == 0
     again = results(out)
     assert again[0] == first[0]

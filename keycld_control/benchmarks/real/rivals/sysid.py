@@ -14,6 +14,7 @@ from keycld_control.benchmarks.real.rivals.answer import Answer
 from keycld_control.benchmarks.real.rivals.deviations import Array, Difference, answer, covariance, estimate
 from keycld_control.benchmarks.real.rivals.sysid_pieces import Pieces
 from keycld_control.benchmarks.real.rivals.sysid_terms import Term, changeable, edited, fixed
+from keycld_envs.effects import Effect, effect_class
 from keycld_envs.recordings import Recording
 
 ITERATIONS = 12
@@ -39,6 +40,21 @@ class Fit:
     variances: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What was identified in one set of recordings.
+
+    Attributes:
+        model: with masses and rotors.
+        effects: frictions, springs, constant forces, gains and delays.
+        zeros: `[nq]` of the encoders, rad or m.
+    """
+
+    model: mujoco.MjModel
+    effects: tuple[Effect, ...]
+    zeros: Array
+
+
 def sysid(new: Sequence[Recording], baseline: Sequence[Recording], model: mujoco.MjModel) -> Answer:
     """The number that differs most between the sets.
 
@@ -57,6 +73,20 @@ def sysid(new: Sequence[Recording], baseline: Sequence[Recording], model: mujoco
     a, b = (_identified(toolbox, part, model, own, settled) for part in (before, after))
     variances = a.variances + b.variances
     return answer([_difference(*numbers) for numbers in zip(own, b.values - a.values, variances, strict=True)])
+
+
+def simulator_of(recordings: Sequence[Recording], model: mujoco.MjModel) -> Identified:
+    """All numbers, identified in one set of recordings.
+
+    Raises:
+        MissingPackage: if what mujoco.sysid imports is not installed.
+    """
+    pieces, own, always = Pieces.of(recordings, model), changeable(model), fixed(model)
+    values = _identified(installed(), pieces, model, [*always, *own]).values.tolist()
+    numbers = {t.name: value for t, value in zip([*always, *own], values, strict=True)}
+    effects = tuple(_effect(t, numbers[t.name]) for t in own)
+    zeros = [numbers[f"encoder_zero at {model.joint(j).name}"] for j in range(model.njnt)]
+    return Identified(edited(model, always, numbers, model.opt.timestep), effects, np.array(zeros))
 
 
 def installed() -> Any:
@@ -119,6 +149,13 @@ def _identified(
     variances = np.zeros_like(values)
     variances[free] = np.diag(covariance(np.asarray(result.jac)[:, free], left, block))
     return Fit(values, variances)
+
+
+def _effect(term: Term, value: float) -> Effect:
+    """A term as an effect."""
+    kind = effect_class(term.effect, "actuator" if term.of_motor else "joint")
+    assert kind is not None, term.effect
+    return kind(term.where).with_parameters(**{term.parameter: value})
 
 
 def _difference(term: Term, change: float, variance: float) -> Difference:
