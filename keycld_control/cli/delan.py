@@ -99,6 +99,8 @@ class Paper:
         seeds: Seeds of training per model.
         characters: Numbers of characters to learn from, repeatable; by default all, and 2, 4 and 8 for the first seed.
         only_report: Write the report from what is there; train and measure nothing.
+        workers: Number of processes.
+        ray: Do it on a Ray cluster: "local", "auto" or host:port; all its machines must see the folders.
         json: Print one JSON object.
     """
 
@@ -108,6 +110,8 @@ class Paper:
     seeds: int = 5
     characters: UseAppendAction[tuple[int, ...]] = ()
     only_report: bool = False
+    workers: int = 1
+    ray: str | None = None
     json: bool = False
 
 
@@ -126,6 +130,8 @@ class Real:
         seeds: Seeds of training per model.
         band: Hz, at which all signals are low-passed; links of these robots vibrate at 8 to 12.
         only_report: Write the table from what is there; train and measure nothing.
+        workers: Number of processes.
+        ray: Do it on a Ray cluster: "local", "auto" or host:port; all its machines must see the folders.
         json: Print one JSON object.
     """
 
@@ -137,6 +143,8 @@ class Real:
     seeds: int = 1
     band: float = 6.0
     only_report: bool = False
+    workers: int = 1
+    ray: str | None = None
     json: bool = False
 
 
@@ -216,11 +224,12 @@ def _paper(args: Paper) -> None:
     from keycld_control.delan.work import results, work_off
     from keycld_envs.errors import InputError
 
-    if args.seeds < 1:
-        raise InputError(f"seeds is {args.seeds}; it must be at least 1.")
+    for name in ("seeds", "workers"):
+        if getattr(args, name) < 1:
+            raise InputError(f"{name} is {getattr(args, name)}; it must be at least 1.")
     planned = trainings(args.model, args.seeds, args.characters)
     if not args.only_report:
-        work_off(args.out, args.data, planned)
+        work_off(args.out, args.data, planned, args.workers, args.ray)
     found = results(args.out)
     if not found:
         raise InputError(f"{args.out} holds no results; run without --only-report.")
@@ -234,9 +243,11 @@ def _real(args: Real) -> None:
     from keycld_control.delan.real_table import winners, write_table
     from keycld_envs.errors import InputError
 
+    if args.workers < 1:
+        raise InputError(f"workers is {args.workers}; it must be at least 1.")
     planned = trials(args.rig, args.model, args.share, args.seeds, args.band)
     if not args.only_report:
-        work_off(args.out, args.data, planned)
+        work_off(args.out, args.data, planned, args.workers, args.ray)
     found = results(args.out)
     if not found:
         raise InputError(f"{args.out} holds no results; run without --only-report.")

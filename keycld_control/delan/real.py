@@ -85,14 +85,22 @@ def trials(
     ]
 
 
-def work_off(out: Path, data: Path, planned: Sequence[Trial]) -> None:
+def work_off(out: Path, data: Path, planned: Sequence[Trial], workers: int = 1, ray: str | None = None) -> None:
     """Do what is missing.
+
+    Args:
+        out: folder of the results.
+        data: folder with the data sets.
+        planned: what is to be done.
+        workers: processes.
+        ray: address of a Ray cluster to do it on instead.
 
     Raises:
         InputError: if a file is missing or damaged.
     """
+    out, data = out.resolve(), data.resolve()
     one = partial(_do, out, data, planned)
-    finish(one, range(len(planned)), lambda: _done(out, planned), out, "Models")
+    finish(one, range(len(planned)), lambda: _done(out, planned), out, "Models", workers, ray)
 
 
 def results(out: Path) -> list[dict[str, Any]]:
@@ -120,26 +128,36 @@ def _motions(rig: str, data: Path, band: float) -> tuple[Motions, Motions]:
 
 
 def _do(out: Path, data: Path, planned: Sequence[Trial], number: int) -> None:
-    """Train a model, measure it on the held-out recordings, and add the line."""
+    """Train a model, measure it on the held-out recordings, and add the line; also of one that the data do not suit."""
     trial = planned[number]
     whole, held_out = _motions(trial.rig, data, trial.band)
     motions = whole.beginning(trial.share)
-    usual = float(np.sqrt(np.mean(np.square(motions.scales().position))))
-    if trial.model in METHODS:
-        model, about = _simulator(trial, data)
-        found = model.inverse_dynamics(*(held_out.all(name) for name in "qva"))
-    else:
-        model, about = _trained(trial, motions, out)
-        about |= {"acceleration_share": score(model, held_out).acceleration_share}
-        found = model.inverse_dynamics(*(held_out.all(name) for name in "qva"))
-    tau = held_out.all("tau")
-    each = np.mean((found - tau) ** 2, axis=0) / tau.var(axis=0)
     line = {
         "schema": SCHEMA,
         **asdict(trial),
-        **about,
         "samples": len(motions.all("q")),
         "held_out": list(held_out.ids),
+    }
+    try:
+        measured = _measured(trial, motions, held_out, out, data)
+    except InputError as error:
+        measured = {"failure": str(error), "torque_share": None, "rollouts": None}
+    add_line(out / FILE, line | measured)
+
+
+def _measured(trial: Trial, motions: Motions, held_out: Motions, out: Path, data: Path) -> dict[str, Any]:
+    """Errors on held-out motions, and what was found."""
+    usual = float(np.sqrt(np.mean(np.square(motions.scales().position))))
+    if trial.model in METHODS:
+        model, about = _simulator(trial, data)
+    else:
+        model, about = _trained(trial, motions, out)
+        about |= {"acceleration_share": score(model, held_out).acceleration_share}
+    found, tau = model.inverse_dynamics(*(held_out.all(name) for name in "qva")), held_out.all("tau")
+    each = np.mean((found - tau) ** 2, axis=0) / tau.var(axis=0)
+    return {
+        "failure": None,
+        **about,
         "torque_share": float(each.mean()),
         "torque_share_of": dict(zip(held_out.joints, each.tolist(), strict=True)),
         "rollouts": asdict(rollouts(model, held_out, usual)),
@@ -147,7 +165,6 @@ def _do(out: Path, data: Path, planned: Sequence[Trial], number: int) -> None:
             f"{e.id} at {e.where}": {p.name: getattr(e, p.name) for p in e.parameters()} for e in model.effects
         },
     }
-    add_line(out / FILE, line)
 
 
 def _trained(trial: Trial, motions: Motions, out: Path) -> tuple[JointModel, dict[str, Any]]:

@@ -38,6 +38,7 @@ def errors(results: Sequence[Result], group: Group, model: str, measure: str = "
             rollouts run away.
     """
     own = [r for r in results if (r["rig"], r["share"], r["band"]) == group and r["model"] == model]
+    own = [r for r in own if r["torque_share"] is not None]  # the data suited the model
     if measure == "torque":
         return [r["torque_share"] for r in own]
     medians = [r["rollouts"]["median"] for r in own]

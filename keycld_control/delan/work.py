@@ -2,50 +2,57 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from keycld_control.benchmarks.unfinished import finish
 from keycld_control.delan.families import trained
 from keycld_control.delan.plan import ALL, TEST, Training
 from keycld_control.plain_json import write_json
 from keycld_control.results import read_results
 from keycld_envs.errors import InputError
-from keycld_envs.files import one_writer
-from keycld_envs.progress import progress
 from keycld_model.delan import Motions, read_motions
 from keycld_model.delan.measures import score
 
 SCHEMA = "keycld.delan/1"
 
 
-def work_off(out: Path, data: Path, trainings: Sequence[Training]) -> None:
+def work_off(out: Path, data: Path, trainings: Sequence[Training], workers: int = 1, ray: str | None = None) -> None:
     """Do what is missing.
+
+    Args:
+        out: folder of the report.
+        data: the characters.
+        trainings: what is to be done.
+        workers: processes.
+        ray: address of a Ray cluster to do it on instead.
 
     Raises:
         InputError: if the data are not the characters, or results are of other data.
     """
-    rest, test = characters(data)
-    whole = read_motions(data).sha256
+    characters(data)
+    whole, out, data = read_motions(data).sha256, out.resolve(), data.resolve()
     for result in results(out):
         if result["data"] != whole:
             raise InputError(f"{out} holds results of other data than {data}; choose another --out.")
-    todo = [t for t in trainings if not _file(out, t).is_file()]
-    with one_writer(out), progress("Models", total=len(trainings)) as advance:
-        advance(len(trainings) - len(todo))
-        for training in todo:
-            motions, folder = amount(rest, training), out / "models" / training.name
-            model, about = trained(training.model, motions, folder, training.seed)
-            result = {
-                "schema": SCHEMA,
-                "data": whole,
-                **asdict(training),
-                **about,
-                "scores": asdict(score(model, test)),
-            }
-            write_json(_file(out, training), result)
-            advance(1)
+
+    def done() -> set[int]:
+        return {i for i, training in enumerate(trainings) if _file(out, training).is_file()}
+
+    finish(partial(_do, out, data, trainings), range(len(trainings)), done, out, "Models", workers, ray)
+
+
+def _do(out: Path, data: Path, trainings: Sequence[Training], number: int) -> None:
+    """Train and measure a model, and write its file."""
+    training, (rest, test) = trainings[number], _characters(data)
+    motions, folder = amount(rest, training), out / "models" / training.name
+    model, about = trained(training.model, motions, folder, training.seed)
+    scores = asdict(score(model, test))
+    whole = read_motions(data).sha256
+    write_json(_file(out, training), {"schema": SCHEMA, "data": whole, **asdict(training), **about, "scores": scores})
 
 
 def characters(data: Path) -> tuple[Motions, Motions]:
@@ -58,6 +65,11 @@ def characters(data: Path) -> tuple[Motions, Motions]:
     if len(rest) < ALL:
         raise InputError(f"{data} has {len(rest)} characters beside {', '.join(TEST)}; the experiment has {ALL}.")
     return rest, test
+
+
+@cache
+def _characters(data: Path) -> tuple[Motions, Motions]:
+    return characters(data)
 
 
 def amount(rest: Motions, training: Training) -> Motions:

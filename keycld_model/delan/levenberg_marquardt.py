@@ -9,6 +9,7 @@ Foresee and Hagan, 1997): as good as not at all without noise, and just so that 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +17,8 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, get_blas_funcs, get_lapack_funcs
+
+from keycld_model.training.sharding import Devices
 
 Floats = NDArray[np.float64]
 (dsyrk,) = get_blas_funcs(("syrk",), dtype=np.float64)
@@ -55,7 +58,7 @@ class Point:
 
 
 class LeastSquaresProblem:
-    """Sum of squares of errors of samples.
+    """Sum of squares of errors of samples, which are divided over all devices that JAX has.
 
     Args:
         errors: maps weights `[P]` and one sample, a tuple of arrays, to its weighted errors `[k]`.
@@ -72,16 +75,15 @@ class LeastSquaresProblem:
         padded = -number % CHUNK
         arrays = [np.concatenate([s, np.repeat(s[-1:], padded, axis=0)]) for s in samples]
         counts = np.concatenate([np.ones(number), np.zeros(padded)])
+        devices, parts = Devices(), len(counts) // CHUNK
         with jax.enable_x64(True):
-            parts = len(counts) // CHUNK
-            pieces = zip(*(np.split(x, parts) for x in arrays), strict=True)
-            samples_on_device = [tuple(map(jnp.asarray, piece)) for piece in pieces]
-            self._chunks = list(zip(np.split(counts, parts), samples_on_device, strict=True))
+            pieces = zip(*(np.split(x, parts) for x in (counts, *arrays)), strict=True)
+            self._chunks = [devices.divide(tuple(map(jnp.asarray, piece))) for piece in pieces]
 
-        def chunk_errors(w: Array, count: Array, chunk: tuple[Array, ...]) -> Array:
+        def chunk_errors(w: Array, count: Array, *chunk: Array) -> Array:
             return jax.vmap(lambda *sample: errors(w, *sample))(*chunk) * count[:, None]
 
-        def linearised(w: Array, count: Array, chunk: tuple[Array, ...]) -> tuple[Array, Array]:
+        def linearised(w: Array, count: Array, *chunk: Array) -> tuple[Array, Array]:
             def one(n: Array, *sample: Array) -> tuple[Array, Array]:
                 value, back = jax.vjp(lambda w: n * errors(w, *sample), w)
                 return value, jax.vmap(lambda e: back(e)[0])(jnp.eye(len(value), dtype=value.dtype))
@@ -89,7 +91,8 @@ class LeastSquaresProblem:
             value, jacobian = jax.vmap(one)(count, *chunk)
             return value.ravel(), jacobian.reshape(-1, len(w))
 
-        self._errors, self._linearised, self._number = jax.jit(chunk_errors), jax.jit(linearised), number
+        jit = partial(jax.jit, **({} if devices.everywhere is None else {"out_shardings": devices.everywhere}))
+        self._errors, self._linearised, self._number = jit(chunk_errors), jit(linearised), number
 
     def cost(self, w: Floats) -> float:
         """Mean over samples and errors of their squares."""
