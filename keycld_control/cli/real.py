@@ -1,7 +1,7 @@
 """Run the diagnosis on real recordings of other people, and compare with what it must show."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +30,7 @@ class Args:
         method: With a gate of concealed effects, such as G1: who is asked, of comparison, one set, noise, sysid, sindy,
             or your own as module:function; several, parted by commas, are shown side by side.
         cases: With such a gate: how many of its cases, from the first on; by default all.
+        seed: With such a gate: which cases are drawn, in place of those of the gate.
         workers: With such a gate: number of processes.
         out: Folder for a JSON file and a page with plots per gate. Finished cases of concealed effects are kept there,
             and not run again.
@@ -41,6 +42,7 @@ class Args:
     gate: Path | None = None
     method: str = "comparison"
     cases: int | None = None
+    seed: int | None = None
     workers: int = 1
     out: Path | None = None
     json: bool = False
@@ -83,6 +85,7 @@ def run(args: Args) -> int:
 
 def _gates(args: Args) -> "list[AnyGate]":
     from keycld_control.benchmarks.real import GATES, read_gate
+    from keycld_control.benchmarks.real.concealed import ConcealedGate
     from keycld_envs.errors import InputError
 
     names = [name.strip().upper() for name in args.only.split(",") if name.strip()] or list(GATES)
@@ -93,7 +96,13 @@ def _gates(args: Args) -> "list[AnyGate]":
     chosen = [GATES[name] for name in names] if args.gate is None else [read_gate(args.gate)]
     if not args.data.is_dir():
         raise InputError(f"{args.data} is no folder; docs/real-data.md says where to get the data sets.")
-    return chosen
+    if args.seed is None:
+        return chosen
+    if args.seed < 0:
+        raise InputError(f"--seed is {args.seed}; it must not be negative.")
+    if not any(isinstance(gate, ConcealedGate) for gate in chosen):
+        raise InputError("--seed draws the cases of a gate of concealed effects; add --only G1.")
+    return [replace(gate, seed=args.seed) if isinstance(gate, ConcealedGate) else gate for gate in chosen]
 
 
 def _running(args: Args) -> "Running":
