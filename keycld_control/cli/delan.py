@@ -98,6 +98,8 @@ class Paper:
         model: Families, repeatable; by default all.
         seeds: Seeds of training per model.
         characters: Numbers of characters to learn from, repeatable; by default all, and 2, 4 and 8 for the first seed.
+        noise: Standard deviation that is added to positions, as a share of their spread, for instance 0.01; velocities
+            and accelerations are then estimated. Of all characters.
         only_report: Write the report from what is there; train and measure nothing.
         workers: Number of processes.
         ray: Do it on a Ray cluster: "local", "auto" or host:port; all its machines must see the folders.
@@ -109,6 +111,7 @@ class Paper:
     model: UseAppendAction[tuple[str, ...]] = ()
     seeds: int = 5
     characters: UseAppendAction[tuple[int, ...]] = ()
+    noise: float = 0.0
     only_report: bool = False
     workers: int = 1
     ray: str | None = None
@@ -227,7 +230,7 @@ def _paper(args: Paper) -> None:
     for name in ("seeds", "workers"):
         if getattr(args, name) < 1:
             raise InputError(f"{name} is {getattr(args, name)}; it must be at least 1.")
-    planned = trainings(args.model, args.seeds, args.characters)
+    planned = trainings(args.model, args.seeds, args.characters, args.noise)
     if not args.only_report:
         work_off(args.out, args.data, planned, args.workers, args.ray)
     found = results(args.out)

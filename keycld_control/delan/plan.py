@@ -47,36 +47,47 @@ class Training:
         model: preset, or "least_squares".
         seed: of initialisation, of the characters that validate, and of those that are left out.
         characters: to learn from and to validate with.
+        noise: standard deviation that is added to positions, as a share of that of each joint's positions; velocities
+            and accelerations are then estimated from them.
     """
 
     model: str
     seed: int = 0
     characters: int = ALL
+    noise: float = 0.0
 
     @property
     def name(self) -> str:
         """Of its files."""
         amount = "" if self.characters == ALL else f"-{self.characters}"
-        return f"{self.model}-{self.seed}{amount}"
+        noise = f"-noise-{self.noise:g}" if self.noise else ""
+        return f"{self.model}-{self.seed}{amount}{noise}"
 
 
-def trainings(models: Sequence[str] = (), seeds: int = 5, characters: Sequence[int] = ()) -> tuple[Training, ...]:
+def trainings(
+    models: Sequence[str] = (), seeds: int = 5, characters: Sequence[int] = (), noise: float = 0.0
+) -> tuple[Training, ...]:
     """All models, the most wanted first.
 
     Args:
         models: names; by default all.
         seeds: per model on all characters; fewer characters are learned from with the first one.
         characters: amounts; by default all.
+        noise: of positions, of all characters; none by default.
 
     Raises:
         InputError: if a name or amount is unknown.
     """
     if unknown := [name for name in models if name not in TITLES]:
         raise InputError(f"--model names {unknown[0]!r}; there are {', '.join(TITLES)}.")
+    if not 0 <= noise < 1:
+        raise InputError(f"--noise is {noise:g}; it must be a share of the positions' spread, from 0 on and below 1.")
+    names = [name for name in (*PRESETS, "least_squares") if not models or name in models]
+    if noise:
+        return tuple(Training(m, s, ALL, noise) for s in range(seeds) for m in names)
     amounts = tuple(characters) or (ALL, *AMOUNTS)
     if bad := [amount for amount in amounts if not 2 <= amount <= ALL]:
         raise InputError(f"--characters is {bad[0]}; it must be from 2 to {ALL}.")
-    names = [name for name in (*PRESETS, "least_squares") if not models or name in models]
     whole = [Training(m, s) for s in range(seeds) for m in names if s == 0 or m != "least_squares"]
     fewer = [Training(m, 0, amount) for amount in sorted(set(amounts) - {ALL}) for m in names]
     return (*(whole if ALL in amounts else ()), *fewer)

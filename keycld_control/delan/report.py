@@ -41,9 +41,11 @@ DIFFERENCES = (
 
 def write_report(out: Path, data: Path, results: Sequence[Result]) -> None:
     """Write report.html and report.md from what has been measured so far."""
+    clean, levels = [r for r in results if not r.get("noise")], sorted({r.get("noise", 0.0) for r in results} - {0.0})
     sections = [
-        Section(table(results), [*_decomposition(out, data, results), *_horizon(results)]),
-        Section(fewer(results), _amounts(results)),
+        Section(table(clean), [*_decomposition(out, data, clean), *_horizon(clean)] if clean else ()),
+        Section(fewer(clean), _amounts(clean)),
+        *(Section(noisy([r for r in results if r.get("noise") == level], level), ()) for level in levels),
     ]
     sections = [section for section in sections if section.table.rows]
     number = f"{len(results)} models measured"
@@ -87,6 +89,22 @@ def fewer(results: Sequence[Result]) -> Table:
         "Torque error against the number of characters",
         "(N m)², mean over seeds; of fewer characters, one of two or one in seven validates.",
         ("model", *(f"{n} characters" for n in amounts)),
+        tuple(rows),
+    )
+
+
+def noisy(results: Sequence[Result], level: float) -> Table:
+    """Errors of models that were learned from noisy positions."""
+    rows = []
+    for model, title in TITLES.items():
+        if found := _of(results, model):
+            cells = [interval([r["scores"][name] for r in found]) for name in MEASURES]
+            rows.append((title, *cells, str(len(found))))
+    return Table(
+        f"Errors on the characters e, q and v, learned from positions with {level:.2g} of their spread as noise",
+        "Velocities and accelerations were estimated; the test is without noise. Mean over seeds, of noise and training, "
+        f"and its {CONFIDENCE:.0%} interval (Student).",
+        ("model", *MEASURES.values(), "seeds"),
         tuple(rows),
     )
 

@@ -1,5 +1,6 @@
 """Trains and measures; every model leaves a file, so that nothing is done twice."""
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import cache, partial
@@ -18,6 +19,8 @@ from keycld_model.delan import Motions, read_motions
 from keycld_model.delan.measures import score
 
 SCHEMA = "keycld.delan/1"
+KEPT = ("t", "qp", "tau", "labels", "lengths")
+"""Arrays of the characters that stay where positions are noisy."""
 
 
 def work_off(out: Path, data: Path, trainings: Sequence[Training], workers: int = 1, ray: str | None = None) -> None:
@@ -47,7 +50,9 @@ def work_off(out: Path, data: Path, trainings: Sequence[Training], workers: int 
 
 def _do(out: Path, data: Path, trainings: Sequence[Training], number: int) -> None:
     """Train and measure a model, and write its file."""
-    training, (rest, test) = trainings[number], _characters(data)
+    training = trainings[number]
+    _, test = _characters(data)
+    rest, _ = _characters(data, training.noise, training.seed if training.noise else 0)
     motions, folder = amount(rest, training), out / "models" / training.name
     model, about = trained(training.model, motions, folder, training.seed)
     scores = asdict(score(model, test))
@@ -68,8 +73,17 @@ def characters(data: Path) -> tuple[Motions, Motions]:
 
 
 @cache
-def _characters(data: Path) -> tuple[Motions, Motions]:
-    return characters(data)
+def _characters(data: Path, noise: float = 0.0, seed: int = 0) -> tuple[Motions, Motions]:
+    """Those to learn from, and those of the test; with noise, known by positions and torques alone."""
+    if not noise:
+        return characters(data)
+    with np.load(data) as archive:
+        arrays = {name: archive[name] for name in archive.files if name in KEPT}
+    clean = arrays["qp"]
+    arrays["qp"] = clean + noise * clean.std(axis=0) * np.random.default_rng([seed, 1]).standard_normal(clean.shape)
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(Path(folder) / data.name, **arrays)
+        return characters(Path(folder) / data.name)
 
 
 def amount(rest: Motions, training: Training) -> Motions:

@@ -10,6 +10,7 @@ from keycld_control.cli import main
 from keycld_control.delan import plan, work
 from keycld_control.delan.report import interval
 from keycld_control.delan.work import results
+from keycld_envs.errors import InputError
 from keycld_model.delan import presets
 from keycld_model.delan.presets import Preset
 
@@ -63,6 +64,11 @@ def test_plan_has_every_model_once() -> None:
     assert sum(t.model == "structured" and t.characters == plan.ALL for t in planned) == 5
     assert sum(t.model == "least_squares" and t.characters == plan.ALL for t in planned) == 1
     assert {t.seed for t in planned if t.characters != plan.ALL} == {0}
+    noisy = plan.trainings(seeds=3, noise=0.01)
+    assert len({t.name for t in noisy} | {t.name for t in planned}) == len(noisy) + len(planned)
+    assert {t.characters for t in noisy} == {plan.ALL}
+    with pytest.raises(InputError, match="--noise is 1"):
+        plan.trainings(noise=1.0)
 
 
 def test_intervals_are_those_of_student() -> None:
@@ -86,5 +92,11 @@ def test_report_of_the_characters(
     assert main(words) == 0
     assert before == {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "results").iterdir()}
     assert {r["model"] for r in results(tmp_path / "out")} == {"structured", "least_squares"}
+    assert main([*words[:6], "--seeds", "2", "--json", "--model", "least_squares", "--noise", "0.01"]) == 0
+    noisy = [r for r in results(tmp_path / "out") if r["noise"]]
+    exact = [r for r in results(tmp_path / "out") if not r["noise"] and r["model"] == "least_squares"]
+    assert len(noisy) == 2 and noisy[0]["scores"]["torque"] != noisy[1]["scores"]["torque"]
+    assert min(r["scores"]["torque"] for r in noisy) > 1e6 * max(r["scores"]["torque"] for r in exact)
+    assert "as noise" in (tmp_path / "out" / "report.md").read_text()
     assert "structured Lagrangian" in (tmp_path / "out" / "report.md").read_text()
     assert (tmp_path / "out" / "report.html").stat().st_size > 1e6  # plotly.js is inside

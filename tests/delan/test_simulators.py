@@ -88,4 +88,4 @@ def test_a_beginning_has_a_share_of_the_time() -> None:
     part = beginning(whole, 0.25)
     assert part.t_state is not None and part.t_action is not None
     assert part.t_state[-1] == 6.0 and part.t_action[-1] <= 6.0
-    assert np.array_equal(part.qpos, part.qvel) and len(part.t_action) == 13
+    assert np.array_equal(np.asarray(part.qpos), np.asarray(part.qvel)) and len(part.t_action) == 13

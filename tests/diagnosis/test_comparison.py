@@ -137,7 +137,7 @@ def test_what_edits_a_model_is_the_force_that_it_saves(motion: tuple[Motion, lis
 
 def test_forces_are_those_of_the_equations(motion: tuple[Motion, list[Recording]]) -> None:
     followed, _ = motion
-    assert force_of(followed, ViscousFriction("hinge", 0.3)) == pytest.approx(-0.3 * followed.v)
+    assert force_of(followed, ViscousFriction("hinge", 0.3)) == pytest.approx(-0.3 * followed.vibrating)
     zone = ActuatorDeadZone(followed.model.actuator(0).name, 0.2)
     gear = followed.model.actuator_gear[0, 0]
     steady = np.abs(followed.u[..., 0]) > 0.25

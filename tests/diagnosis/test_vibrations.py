@@ -40,6 +40,9 @@ def test_velocities_have_the_vibrations_that_encoders_show(runs: list[Recording]
 
 def test_noise_is_no_vibration(runs: list[Recording]) -> None:
     motion = followed(runs)
-    assert rms(motion.vibrating - motion.v) < 0.3 * np.sqrt(2) * NOISE / SAMPLE
-    gap = [replace(r, qpos=np.where(np.arange(len(r.qpos))[:, None] % 7, r.qpos, np.nan)) for r in runs]
+    assert rms(motion.vibrating - motion.v) < 0.05 * np.sqrt(2) * NOISE / SAMPLE
+    gap = [
+        replace(r, qpos=np.where(np.arange(len(np.asarray(r.qpos)))[:, None] % 7, np.asarray(r.qpos), np.nan))
+        for r in runs
+    ]
     assert np.isfinite(followed(gap).vibrating).all()

@@ -139,7 +139,8 @@ class Motion:
     def vibrating(self) -> Array:
         """Velocities with what encoders show beside the path, `[W, S, nv]`: friction answers to vibrations, too.
 
-        Differences of what is left of neighbouring samples, drawn towards none by the share that is noise.
+        Differences of what is left of neighbouring samples, drawn towards none by the share that may be noise: its
+        variance over so few samples, and two standard deviations of that.
         """
         windows, out = self.windows, self.v.copy()
         shown = self._left.reshape(len(windows), windows.samples, -1) * self.problem.noise
@@ -148,6 +149,7 @@ class Motion:
         steps = np.diff(since, axis=1)[..., None]
         rate, middle = np.diff(shown, axis=1) / steps, (since[:, 1:] + since[:, :-1]) / 2
         noise = np.nanmean(np.where(np.isnan(rate), np.nan, 2 * (self.noise / steps) ** 2), axis=1)
+        noise *= 1 + 2 * np.sqrt(2 / np.maximum(np.isfinite(rate).sum(axis=1), 1))
         signal = np.clip(1 - noise / np.maximum(np.nanmean(rate**2, axis=1), 1e-300), 0.0, 1.0)
         times = (np.arange(windows.steps) + 0.5) * windows.step
         for w, j in np.ndindex(signal.shape):
