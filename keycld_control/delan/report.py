@@ -102,7 +102,7 @@ def noisy(results: Sequence[Result], level: float) -> Table:
             rows.append((title, *cells, str(len(found))))
     return Table(
         f"Errors on the characters e, q and v, learned from positions with {level:.2g} of their spread as noise",
-        "Velocities and accelerations were estimated; the test is without noise. Mean over seeds, of noise and training, "
+        "Velocities and accelerations were estimated; the test is without noise. Mean over seeds of both, "
         f"and its {CONFIDENCE:.0%} interval (Student).",
         ("model", *MEASURES.values(), "seeds"),
         tuple(rows),
