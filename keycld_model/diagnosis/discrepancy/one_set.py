@@ -31,6 +31,8 @@ Rows = NDArray[np.int64]
 RIGHT = 0.85
 """Share of such reports that are right, by Laplace's rule: of 25 from half of a mechanism's recordings, the other half
 confirmed 22 in family and place (gate G8, docs/real-data.md)."""
+LEAST_FREE = 0.1
+"""Share of the samples of a window that is counted as free at least, however many numbers are fitted."""
 LEFT = "Forces of {} are explained by nothing; what is found helps in all recordings beside them."
 
 
@@ -131,7 +133,8 @@ def _far_above_noise(motion: Motion, terms: Sequence[Term], columns: Columns, cr
     white = np.concatenate([shared, columns.answers[..., some], motion.residual[..., None]], axis=-1)
     basis = np.linalg.qr(motion.states)[0]
     rest = white - basis @ (np.swapaxes(basis, 1, 2) @ white)
-    squares = robust_squares(rest, rest.shape[1] - basis.shape[2])
+    samples, fitted = rest.shape[1], basis.shape[2] + (white.shape[2] - 1) / len(white)
+    squares = robust_squares(rest, max(samples - fitted, LEAST_FREE * samples))
     return bool(np.percentile(squares, 75) > criteria.far_above_noise)
 
 

@@ -110,7 +110,7 @@ def robust_weights(white: Array, precision: Array, freedom: int) -> Array:
     return _solve(np.swapaxes(white, 1, 2) @ white, precision, freedom, None).weights
 
 
-def robust_squares(columns: Array, freedom: int) -> Array:
+def robust_squares(columns: Array, freedom: float) -> Array:
     """Mean squares `[W]` that all columns but the last leave of it, `[W, r, P + 1]`, bad windows counting for less."""
     weights = np.ones(len(columns))
     for _ in range(10):
