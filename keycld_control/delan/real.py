@@ -75,7 +75,7 @@ def trials(
         raise InputError(f"--share is {bad[0]:g}; it must be above 0, and 1 at most.")
     if seeds < 1 or not band > 0:
         raise InputError(f"--seeds is {seeds} and --band {band:g}; seeds must be 1 or more, and the band positive.")
-    return [
+    planned = [
         Trial(rig, model, share, seed, band)
         for rig in rigs or all_logs()
         for share in shares or SHARES
@@ -83,6 +83,11 @@ def trials(
         if model not in METHODS or all_logs()[rig].rig is not None
         for seed in range(1 if model in ("least_squares", *METHODS) else seeds)
     ]
+    if not planned:
+        raise InputError(
+            f"There is no simulator of {', '.join(rigs)}; leave out {', '.join(METHODS)}, or name other rigs."
+        )
+    return planned
 
 
 def work_off(out: Path, data: Path, planned: Sequence[Trial], workers: int = 1, ray: str | None = None) -> None:

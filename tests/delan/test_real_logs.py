@@ -113,6 +113,9 @@ def test_trials_are_distinct_and_wrong_names_refused() -> None:
     for words in wrong:
         with pytest.raises(InputError):
             trials(**words)
+    with pytest.raises(InputError, match="no simulator of KUKA"):
+        trials(rigs=["KUKA"], models=["corrected"])
+    assert [t.model for t in trials(rigs=["KUKA"], models=["corrected", "structured"], shares=[1.0])] == ["structured"]
 
 
 def test_the_lower_mean_wins() -> None:
