@@ -19,7 +19,7 @@ from keycld_control.delan.simulators import METHODS, Simulated
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 from keycld_model.delan import JointModel, Motions
-from keycld_model.delan.measures import score
+from keycld_model.delan.measures import variance_share
 
 SCHEMA, FILE = "keycld.delan-real/2", "results.jsonl"
 BAND = 6.0
@@ -153,17 +153,18 @@ def _do(out: Path, data: Path, planned: Sequence[Trial], number: int) -> None:
 def _measured(trial: Trial, motions: Motions, held_out: Motions, out: Path, data: Path) -> dict[str, Any]:
     """Errors on held-out motions, and what was found."""
     usual = float(np.sqrt(np.mean(np.square(motions.scales().position))))
+    q, v, a, tau = (held_out.all(name) for name in ("q", "v", "a", "tau"))
     if trial.model in METHODS:
         model, about = _simulator(trial, data)
     else:
         model, about = _trained(trial, motions, out)
-        about |= {"acceleration_share": score(model, held_out).acceleration_share}
-    found, tau = model.inverse_dynamics(*(held_out.all(name) for name in "qva")), held_out.all("tau")
+        about |= {"acceleration_share": variance_share(model.forward_dynamics(q, v, tau), a)}
+    found = model.inverse_dynamics(q, v, a)
     each = np.mean((found - tau) ** 2, axis=0) / tau.var(axis=0)
     return {
         "failure": None,
         **about,
-        "torque_share": float(each.mean()),
+        "torque_share": variance_share(found, tau),
         "torque_share_of": dict(zip(held_out.joints, each.tolist(), strict=True)),
         "rollouts": asdict(rollouts(model, held_out, usual)),
         "effects": {

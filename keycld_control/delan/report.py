@@ -29,8 +29,10 @@ MEASURES = {
 DIFFERENCES = (
     "What differs from the reference. It takes 5,000 epochs of AdamW on networks of 2 × 64 units; here some tens of "
     "Levenberg-Marquardt steps in double precision fit networks of 2 × 24 units, which is why errors are lower: the "
-    "data are without noise, and few weights explain them. Characters that validate say when to stop; the reference "
-    "has none. Its Hamiltonian network is given the momenta, which no robot measures; here they follow from "
+    "data are without noise, and few weights explain them. Structured and Hamiltonian models have polynomials of "
+    "cosines and sines beside their networks, in which a rigid arm is nearly linear, and inertias that do not hang on "
+    "the first joint; the reference has neither. Characters that validate say when to stop; the reference has none. "
+    "Its Hamiltonian network is given the momenta, which no robot measures; here they follow from "
     "velocities. Its README prints the inertial error as the gravitational one and belongs to an older file; "
     "published figures here are of its stored models on this file, means over ten seeds. A rollout is valid until the "
     "mean over joints of squared errors over the training positions' variance is 0.01; torques are held from sample "

@@ -50,13 +50,6 @@ class Simulated:
             getattr(out, name)[:] = 0.0
         return out
 
-    @cached_property
-    def _free(self) -> mujoco.MjModel:
-        out = edited(self.model, ())
-        for name in ("dof_damping", "dof_dampingpoly", "dof_frictionloss"):
-            getattr(out, name)[:] = 0.0
-        return out
-
     def inverse_dynamics(self, q: Floats, v: Floats, a: Floats) -> Floats:
         """Torques that are commanded `[T, n]` for a motion; delays and lags do not count."""
         q = q - self.offset
@@ -68,11 +61,11 @@ class Simulated:
     ) -> tuple[Floats, Floats]:
         """Positions and velocities `[T, n]` from a state, under torques `[T, n]`; see `JointModel.rollout`."""
         parts = max(1, int(np.ceil(timestep / SUBSTEP)))
+        h = timestep / parts
         fine = np.interp(np.arange((len(tau) - 1) * parts) + 0.5, np.arange(len(tau)) * parts, np.arange(len(tau)))
         rows = np.floor(fine).astype(int) if hold == "held" else fine
         told = np.stack([np.interp(rows, np.arange(len(tau)), column) for column in tau.T], axis=1)
-        torque = self._torques(told, timestep / parts)
-        data, h = mujoco.MjData(self._moving), timestep / parts
+        torque, data = self._torques(told, h), mujoco.MjData(self._moving)
         data.qpos[:], data.qvel[:] = q - self.offset, v
         out = [(q, v)]
         for k, now in enumerate(torque, 1):
@@ -95,7 +88,7 @@ class Simulated:
 
     def _given(self, q: Floats, v: Floats) -> Floats:
         """Forces of everything but weight, inertia and motors, `[..., n]`."""
-        out = resistance(self._free, self._after, v)
+        out = resistance(self._moving, self._after, v)
         for effect in self.effects:
             if not (isinstance(effect, ActuatorEffect) or effect.observes or effect.memory):
                 none = np.zeros((*q.shape[:-1], self.model.nu))

@@ -45,10 +45,10 @@ def work_off(out: Path, data: Path, trainings: Sequence[Training], workers: int 
     def done() -> set[int]:
         return {i for i, training in enumerate(trainings) if _file(out, training).is_file()}
 
-    finish(partial(_do, out, data, trainings), range(len(trainings)), done, out, "Models", workers, ray)
+    finish(partial(_do, out, data, whole, trainings), range(len(trainings)), done, out, "Models", workers, ray)
 
 
-def _do(out: Path, data: Path, trainings: Sequence[Training], number: int) -> None:
+def _do(out: Path, data: Path, whole: str, trainings: Sequence[Training], number: int) -> None:
     """Train and measure a model, and write its file."""
     training = trainings[number]
     _, test = _characters(data)
@@ -56,7 +56,6 @@ def _do(out: Path, data: Path, trainings: Sequence[Training], number: int) -> No
     motions, folder = amount(rest, training), out / "models" / training.name
     model, about = trained(training.model, motions, folder, training.seed)
     scores = asdict(score(model, test))
-    whole = read_motions(data).sha256
     write_json(_file(out, training), {"schema": SCHEMA, "data": whole, **asdict(training), **about, "scores": scores})
 
 

@@ -7,7 +7,7 @@ polynomials, whatever the arm's lengths and axes, and no model of it is needed. 
 of the joints; from `LARGEST` joints on, they are those of arms whose links move in one plane: sums of angles.
 """
 
-from itertools import combinations_with_replacement, product
+from itertools import combinations_with_replacement
 
 import jax
 import jax.numpy as jnp
@@ -19,12 +19,10 @@ from keycld_envs.errors import InputError
 from keycld_model.delan.config import JointConfig
 from keycld_model.delan.equations import Lagrangian
 from keycld_model.delan.friction import initial_friction, linear_columns, linear_parameters
-from keycld_model.delan.network import Parameters
+from keycld_model.delan.network import ONE_PLANE, Parameters, all_products
 from keycld_model.numerics import solve_positive_definite
 
 Floats = NDArray[np.float64]
-LARGEST = 4
-"""Joints from which on the polynomials of one plane are taken: of four joints there are 138, of all 1,330."""
 RANK = 1e-10
 """Singular values below this share of the largest belong to combinations that the recordings do not move."""
 LEAST = 1e-12
@@ -54,20 +52,16 @@ class LeastSquares(Lagrangian):
 
     def polynomials(self, q: Array) -> tuple[Array, Array]:
         """For inertias and for weight, each `[k]`."""
-        return self._in_one_plane(q) if self.config.n >= LARGEST else self._products(q)
+        return self._in_one_plane(q) if self.config.n >= ONE_PLANE else self._products(q)
 
     def _products(self, q: Array) -> tuple[Array, Array]:
         """Of any arm."""
-        one = jnp.ones((), q.dtype)
-        inertias, weights = [one], [one]
-        for j, kind in enumerate(self.config.kinds):
-            x = q[j]
-            first = [jnp.cos(x), jnp.sin(x)] if kind == "hinge" else [x]
-            second = [jnp.cos(2 * x), jnp.sin(2 * x)] if kind == "hinge" else [x**2]
-            weights = [a * b for a, b in product(weights, [one, *first])]
-            if j:
-                inertias = [a * b for a, b in product(inertias, [one, *first, *second])]
-        return jnp.stack(inertias), jnp.stack(weights[1:])
+        one, firsts, seconds = jnp.ones((), q.dtype), [], []
+        for x, kind in zip(q, self.config.kinds, strict=True):
+            firsts.append([one, jnp.cos(x), jnp.sin(x)] if kind == "hinge" else [one, x])
+            seconds.append([jnp.cos(2 * x), jnp.sin(2 * x)] if kind == "hinge" else [x**2])
+        whole = [jnp.stack([*first, *second]) for first, second in zip(firsts, seconds, strict=True)]
+        return all_products([one[None], *whole[1:]]), all_products([jnp.stack(first) for first in firsts])[1:]
 
     def _in_one_plane(self, q: Array) -> tuple[Array, Array]:
         """The same of arms in one plane: cosines and sines of sums of angles of joints that follow each other."""

@@ -57,10 +57,10 @@ def score(model: JointModel, motions: Motions) -> Scores:
     valid = tuple(valid_time(model, motion) for motion in motions.motions)
     return Scores(
         torque=float(np.mean(np.sum((found - tau) ** 2, axis=1))),
-        torque_share=_share(found, tau),
+        torque_share=variance_share(found, tau),
         **errors,
         power=float(np.mean((model.power(q, v, a) - np.sum(tau * v, axis=1)) ** 2)),
-        acceleration_share=_share(model.forward_dynamics(q, v, tau), a),
+        acceleration_share=variance_share(model.forward_dynamics(q, v, tau), a),
         valid_time=float(np.mean(valid)),
         valid_times=valid,
     )
@@ -107,7 +107,7 @@ def _squares(found: Floats, true: Floats | None) -> float | None:
     return None if true is None else float(np.mean(np.sum((found - true) ** 2, axis=1)))
 
 
-def _share(found: Floats, true: Floats) -> float:
+def variance_share(found: Floats, true: Floats) -> float:
     """Mean over joints that vary of squared errors over variances."""
     variance = true.var(axis=0)
     varies = variance > 1e-12 * max(float(variance.max()), 1e-300)

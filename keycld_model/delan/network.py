@@ -1,7 +1,8 @@
 """Small networks of joint positions, as functions of nested dictionaries of weights."""
 
 from collections.abc import Sequence
-from itertools import pairwise, product
+from functools import reduce
+from itertools import pairwise
 from typing import Any
 
 import jax
@@ -60,19 +61,20 @@ def polynomials(config: JointConfig, q: Array) -> Array:
     `ONE_PLANE` joints on, those of an arm in one plane are taken: cosines and sines of sums of angles of joints that
     follow each other.
     """
-    encoded = encode(config, q)
     hinges = [kind == "hinge" for kind in config.kinds]
-    turning = sum(hinges)
+    places = (q - np.array(config.scales.centre)) / np.array(config.scales.position)
     if config.n >= ONE_PLANE:
         angles = jnp.where(np.array(hinges), q, 0.0)
         sums = jnp.stack([angles[i:j].sum() for i in range(config.n) for j in range(i + 1, config.n + 1)])
-        return jnp.concatenate([jnp.cos(sums), jnp.sin(sums), encoded[2 * turning :]])
-    cosines, sines, slides = (iter(x) for x in jnp.split(encoded, [turning, 2 * turning]))
-    products = [jnp.ones((), encoded.dtype)]
-    for hinge in hinges:
-        first = [next(cosines), next(sines)] if hinge else [next(slides)]
-        products = [a * b for a, b in product(products, [products[0], *first])]
-    return jnp.stack(products[1:])
+        return jnp.concatenate([jnp.cos(sums), jnp.sin(sums), places[~np.array(hinges)]])
+    one = jnp.ones((), q.dtype)
+    own = [[jnp.cos(x), jnp.sin(x)] if hinge else [place] for hinge, x, place in zip(hinges, q, places, strict=True)]
+    return all_products([jnp.stack([one, *factors]) for factors in own])[1:]
+
+
+def all_products(factors: Sequence[Array]) -> Array:
+    """Products of one factor of each of some vectors, the last one's changing fastest, `[k]`."""
+    return reduce(lambda whole, own: jnp.outer(whole, own).ravel(), factors)
 
 
 def polynomials_size(config: JointConfig) -> int:

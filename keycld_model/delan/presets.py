@@ -30,10 +30,12 @@ class Preset:
 
 PRESETS: dict[str, Preset] = {
     "structured": Preset(
-        "structured", "Deep Lagrangian Network: networks for the mass matrix's factor and the potential"
+        "structured", "Deep Lagrangian Network: polynomials and networks for the mass matrix's factor and the potential"
     ),
     "black_box": Preset("black_box", "one network for the Lagrangian"),
-    "hamiltonian": Preset("hamiltonian", "Hamiltonian network: the inverse mass matrix's factor and the potential"),
+    "hamiltonian": Preset(
+        "hamiltonian", "Hamiltonian network: the same for the inverse mass matrix's factor and the potential"
+    ),
     "feed_forward": Preset("feed_forward", "two networks, for torques and for accelerations, without mechanics"),
 }
 """All, by name; a recipe is declared here and nowhere else."""

@@ -12,7 +12,7 @@ from keycld_model.numerics import solve_positive_definite
 
 
 class StructuredLagrangian(Lagrangian):
-    """L = v^T M(q) v / 2 - V(q) with M = L L^T (Lutter et al., ICLR 2019, equations 4 to 8)."""
+    """L = v^T M(q) v / 2 - V(q) with M = L L^T (Lutter et al., ICLR 2019, equations 4 to 8); see `parts`."""
 
     def __init__(self, config: JointConfig) -> None:
         super().__init__(config)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.effects.functions import smooth_sign
 from keycld_envs.recordings import Recording
-from keycld_model.delan.rig import common_factor, deviation, learned_dynamics, own_inertias
+from keycld_model.delan.rig import LearnedDynamics, common_factor, deviation, learned_dynamics, own_inertias
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.inputs.observation import JointPositions
@@ -34,6 +34,8 @@ FINER = 5
 """Parts of each time for which an unknown force is constant, in which forces are averaged."""
 FINEST = 2e-4
 """Positions are followed no closer than this, rad or m: steps of the integrator are no better."""
+STANDS_OUT = 2.0
+"""Standard deviations by which the mean square of differences must exceed that of noise, to be a vibration."""
 RESTING = 0.05
 """Speed below which a joint may rest, rad/s or m/s."""
 
@@ -113,7 +115,8 @@ class Motion:
             residual + np.einsum("wrjb,wbj->wr", response, pinned.forces),
             pinned.forces,
         )
-        return out._beside(_learned_dry_friction(model, middle_v))
+        learned = learned_dynamics(model)
+        return out if learned is None else out._beside(_learned_dry_friction(learned, model, middle_v))
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -140,7 +143,7 @@ class Motion:
         """Velocities with what encoders show beside the path, `[W, S, nv]`: friction answers to vibrations, too.
 
         Differences of what is left of neighbouring samples, drawn towards none by the share that may be noise: its
-        variance over so few samples, and two standard deviations of that.
+        variance over so few samples, and `STANDS_OUT` standard deviations of that.
         """
         windows, out = self.windows, self.v.copy()
         shown = self._left.reshape(len(windows), windows.samples, -1) * self.problem.noise
@@ -149,7 +152,7 @@ class Motion:
         steps = np.diff(since, axis=1)[..., None]
         rate, middle = np.diff(shown, axis=1) / steps, (since[:, 1:] + since[:, :-1]) / 2
         noise = np.nanmean(np.where(np.isnan(rate), np.nan, 2 * (self.noise / steps) ** 2), axis=1)
-        noise *= 1 + 2 * np.sqrt(2 / np.maximum(np.isfinite(rate).sum(axis=1), 1))
+        noise *= 1 + STANDS_OUT * np.sqrt(2 / np.maximum(np.isfinite(rate).sum(axis=1), 1))
         signal = np.clip(1 - noise / np.maximum(np.nanmean(rate**2, axis=1), 1e-300), 0.0, 1.0)
         times = (np.arange(windows.steps) + 0.5) * windows.step
         for w, j in np.ndindex(signal.shape):
@@ -191,10 +194,8 @@ class Motion:
 _PER_WINDOW = ("q", "v", "a", "u", "time", "required", "states", "response", "residual", "forces")
 
 
-def _learned_dry_friction(model: mujoco.MjModel, v: Array) -> Array:
+def _learned_dry_friction(learned: LearnedDynamics, model: mujoco.MjModel, v: Array) -> Array:
     """Of a joint model, at velocities `[W, S, nv]`; what an ordinary simulator has is found anew."""
-    if (learned := learned_dynamics(model)) is None:
-        return np.zeros_like(v)
     with jax.enable_x64(True):
         fading = np.asarray(learned.fading_friction(jnp.asarray(v.reshape(-1, v.shape[-1]).T))).T
     most = model.dof_frictionloss + (fading.reshape(v.shape) if fading.ndim else fading)
