@@ -58,6 +58,7 @@ def create_context(width: int, height: int) -> Any:
         InputError: if no context can be opened; the message names the Debian packages to install.
     """
     global _opened_by
+    os.environ.setdefault("LP_NUM_THREADS", "0")  # Mesa then draws in this thread: small images wait for no others
     backend = _backend()
     if _opened_by not in (None, os.getpid()):
         raise InputError(

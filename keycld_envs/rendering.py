@@ -3,6 +3,7 @@
 import atexit
 import copy
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -43,6 +44,38 @@ class RenderSettings:
             coarsest = 2 * changed.geom_size[planes, :2].max(axis=1) / self.plane_cells
             changed.geom_size[planes, 2] = np.maximum(changed.geom_size[planes, 2], coarsest)
         return changed
+
+
+@dataclass(frozen=True)
+class View:
+    """How a camera sees otherwise than its model says, without any interpolation of pixels.
+
+    Attributes:
+        right: image content is shifted to the right, pixels.
+        up: and upwards, pixels.
+        zoom: factor of all lengths in the image.
+        aspect: factor of horizontal lengths beside `zoom`.
+        roll: image content is turned counter-clockwise about the centre, rad.
+    """
+
+    right: float = 0.0
+    up: float = 0.0
+    zoom: float = 1.0
+    aspect: float = 1.0
+    roll: float = 0.0
+
+    def apply(self, cameras: Sequence[mujoco.MjvGLCamera], width: int, height: int) -> None:
+        """Change the cameras of a scene, both eyes."""
+        for camera in cameras:
+            half = 0.5 * (camera.frustum_top - camera.frustum_bottom) / self.zoom  # of the height, at the near plane
+            wide = half * width / height / self.aspect
+            camera.frustum_width = wide
+            camera.frustum_center -= 2 * wide * self.right / width
+            shift = 2 * half * self.up / height
+            middle = 0.5 * (camera.frustum_top + camera.frustum_bottom)
+            camera.frustum_bottom, camera.frustum_top = middle - half - shift, middle + half - shift
+            side = np.cross(camera.forward, camera.up)
+            camera.up[:] = np.cos(self.roll) * camera.up + np.sin(self.roll) * side
 
 
 QUALITIES: dict[str, RenderSettings] = {
@@ -96,8 +129,13 @@ class Renderer:
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._pixels = np.empty((height, width, 3), np.uint8)
 
-    def render(self, data: mujoco.MjData, camera: str) -> NDArray[np.uint8]:
+    def render(self, data: mujoco.MjData, camera: str, view: View | None = None) -> NDArray[np.uint8]:
         """Render the state `data`, whose kinematics must be up to date.
+
+        Args:
+            data: the state.
+            camera: name of a camera of the model.
+            view: how it sees otherwise than the model says.
 
         Returns:
             [H, W, 3] RGB, a new array; row 0 is the top.
@@ -107,6 +145,8 @@ class Renderer:
         mujoco.mjv_updateScene(
             self._model, data, self._option, None, self._camera, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
         )
+        if view is not None:
+            view.apply(self._scene.camera, self._rect.width, self._rect.height)
         mujoco.mjr_render(self._rect, self._scene, self._context)
         mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
         return self._pixels[::-1].copy()

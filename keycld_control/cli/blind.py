@@ -22,6 +22,7 @@ class Args:
         out: Folder of the benchmark.
         cases: make: number of cases.
         seed: make: determines every byte of the cases.
+        observe: make: what is recorded, joint positions ("states") or frames alone ("pixels").
         method: run: "diagnose", "refit", "greedy", "sindy", "neural", or your own as module:function.
         workers: make, run: number of processes; no figure but the seconds depends on it.
         ray: make, run: do it on a Ray cluster: "local", "auto" or host:port; all its machines must see the folder.
@@ -33,6 +34,7 @@ class Args:
     out: Positional[Path]
     cases: int = 300
     seed: int = 0
+    observe: Literal["states", "pixels"] = "states"
     method: str = "diagnose"
     workers: int = 2
     ray: str | None = None
@@ -50,7 +52,7 @@ def run(args: Args) -> None:
     if args.action == "make":
         from keycld_control.benchmarks.blind.make import Settings, make
 
-        manifest = make(args.out, Settings(args.seed, args.cases), args.workers, args.ray)
+        manifest = make(args.out, Settings(args.seed, args.cases, args.observe), args.workers, args.ray)
         print_result(manifest, as_json=args.json)
         if not args.json:
             print(f"SHA-256 of the answers: {manifest['answers_sha256']}")  # the table may cut it

@@ -1,10 +1,10 @@
-"""Find physics that a simulator lacks, from recordings of joints."""
+"""Find physics that a simulator lacks, from recordings of joints or images."""
 
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
@@ -13,6 +13,8 @@ from keycld_control.cli._output import print_result
 from keycld_control.plain_json import write_json
 
 if TYPE_CHECKING:
+    from mujoco import MjModel
+
     from keycld_envs.recordings import Recording
     from keycld_model import JointModel
     from keycld_model.diagnosis import Report, Source
@@ -26,7 +28,7 @@ class Args:
     The exit code is 0 if nothing is missing, 10 if something is, 11 if these recordings cannot tell.
 
     Attributes:
-        recordings: Folder of recordings with joint positions.
+        recordings: Folder of recordings with joint positions or frames.
         env: Environment to compare with; by default the one that the recordings name.
         mjcf: MuJoCo XML file to compare with instead.
         model: Joint model to compare with instead, a folder that `keycld delan train` wrote.
@@ -35,6 +37,10 @@ class Args:
         out: Folder for report.json, report.html (the same for people), and corrected.xml (the corrected simulator); of
             a joint model, corrected_model (another joint model).
         budget: Seconds after which the best so far is reported, with what was not tried; by default all is tried.
+        observe: What is compared: joint positions ("states"), positions that are read off the frames by drawing the
+            simulator ("pixels"), or both.
+        camera: Camera of the simulator that looked; by default the one that the recordings name, or the only one.
+        workers: Processes that read frames.
         tracked: Positions were read off images of a camera; its errors (a view askew, a rolling shutter) are refitted.
         json: Print the report as one JSON object.
     """
@@ -47,6 +53,9 @@ class Args:
     held_out: Path | None = None
     out: Path | None = None
     budget: float | None = None
+    observe: Literal["states", "pixels", "both"] = "states"
+    camera: str | None = None
+    workers: int = 2
     tracked: bool = False
     json: bool = False
 
@@ -56,7 +65,6 @@ def run(args: Args) -> int:
     keep_compiled()
     from keycld_envs.recordings import read_dataset
     from keycld_model import JointModel
-    from keycld_model.diagnosis import diagnose
 
     recordings = read_dataset(args.recordings).recordings
     held_out = read_dataset(args.held_out).recordings if args.held_out else ()
@@ -65,11 +73,37 @@ def run(args: Args) -> int:
     if args.out is not None:
         args.out.mkdir(parents=True, exist_ok=True)
     model = simulator if isinstance(simulator, JointModel) else simulator.model
-    report = diagnose(recordings, model, held_out, args.tracked, baseline=baseline, budget=args.budget)
+    report = _diagnosed(args, model, recordings, held_out, baseline)
     if args.out is not None:
         report = _write(report, simulator, args.out)
     _print(report, args)
     return report.exit_code
+
+
+def _diagnosed(
+    args: Args,
+    model: "MjModel | JointModel",
+    recordings: "Sequence[Recording]",
+    held_out: "Sequence[Recording]",
+    baseline: "Sequence[Recording]",
+) -> "Report":
+    """The report on what is observed."""
+    from keycld_envs.errors import InputError
+    from keycld_model import JointModel
+    from keycld_model.diagnosis import diagnose, diagnose_images
+
+    if args.observe == "states":
+        if args.camera is not None:
+            raise InputError("--camera is of images; say --observe pixels, or leave it out.")
+        return diagnose(recordings, model, held_out, args.tracked, baseline=baseline, budget=args.budget)
+    if isinstance(model, JointModel):
+        raise InputError("A joint model has no camera; leave out --observe, or name a simulator that has, --mjcf.")
+    if args.tracked:
+        raise InputError("--tracked is of joint positions in the recordings; leave it out beside --observe pixels.")
+    encoders = args.observe == "both"
+    return diagnose_images(
+        recordings, model, held_out, args.camera, encoders, baseline=baseline, budget=args.budget, workers=args.workers
+    )
 
 
 def _simulator(args: Args, recordings: "Sequence[Recording]") -> "Source | JointModel":

@@ -105,6 +105,8 @@ class Criteria:
         unexplained_share: share of the misfit that named effects may leave, for them to be certain.
         region: share of the squared force, and of the time, that intervals of positions and speeds hold.
         confined: length of the interval of a force, relative to that of the time, below which it is confined.
+        trusted_frames: share of the frames whose motion the simulator's picture must explain, for positions to be read
+            off them; single ones may be hidden or smeared.
         spreads: of masses, lengths and sensors.
         sizes: of windows and of sets of effects.
     """
@@ -138,6 +140,7 @@ class Criteria:
     unexplained_share: float = 0.1
     region: float = 0.9
     confined: float = 0.5
+    trusted_frames: float = 0.8
     spreads: Spreads = Spreads()
     sizes: Sizes = Sizes()
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_control.benchmarks.blind.excite import Excitation, drive, ticks_and_times
+from keycld_control.benchmarks.blind.film import RATE, SIZE, Film, Studio
 from keycld_control.benchmarks.blind.mechanism import Array, CaseMechanism
 from keycld_control.benchmarks.blind.outside_strengths import OUTSIDE
 from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors, draw_errors
@@ -29,7 +30,7 @@ MIN_MOTION = 0.3
 """How far at least one joint must move in the training recordings, rad or m."""
 ATTEMPTS = 10
 """How often a run that is too fast is drawn."""
-STREAMS = ("drive", "mechanisms", "noise")
+STREAMS = ("drive", "mechanisms", "noise", "film")
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ class SealedCase:
         levels: of the excitation of each recording, training first.
         driven: the recording that is driven where all others are passive.
         mechanisms: what the simulator lacks.
+        film: how a camera shows it; None where encoders are recorded.
     """
 
     plan: Plan
@@ -84,6 +86,7 @@ class SealedCase:
     levels: Array
     driven: int
     mechanisms: tuple[CaseMechanism, ...]
+    film: Film | None = None
 
     def excitation(self, run: int) -> Excitation:
         """How one recording is moved."""
@@ -134,12 +137,20 @@ class SealedCase:
         return None
 
 
-def draw_case(plan: Plan, entropy: Sequence[int]) -> tuple[SealedCase, list[Signals]]:
-    """Draw a case and simulate all its recordings; the numbers are drawn again while it is too fast or too still."""
+def draw_case(plan: Plan, entropy: Sequence[int], filmed: bool = False) -> tuple[SealedCase, list[Signals]]:
+    """Draw a case and simulate all its recordings; the numbers are drawn again while it is too fast or too still.
+
+    Args:
+        plan: what the case is.
+        entropy: seeds of all that is drawn.
+        filmed: a camera looks, at its own rate, in place of encoders.
+    """
     model = get_system(plan.system).compile()
     for attempt in range(50):
         rng = np.random.default_rng([*entropy, attempt])
         case = _draw(plan, (*entropy, attempt), model, rng)
+        if filmed:
+            case = replace(case, rate=RATE, film=Film.draw(rng))
         if (signals := case.simulate(range(TRAINING + HELD_OUT))) is not None:
             return case, signals
     raise RuntimeError(f"No excitation suits {plan}.")
@@ -170,21 +181,29 @@ def _levels(rng: np.random.Generator) -> NDArray[np.float64]:
     return np.concatenate([rng.permutation(np.linspace(0.35, 1.0, TRAINING)), rng.permutation([0.5, 0.8, 1.15, 1.3])])
 
 
-def recording(case: SealedCase, run: int, signals: Signals) -> Recording:
-    """The recording without anything that tells what is missing."""
+def recording(case: SealedCase, run: int, signals: Signals, studio: Studio | None = None) -> Recording:
+    """The recording without anything that tells what is missing: of encoders, or of a camera in a studio."""
     declared = get_system(case.plan.system)
     units = tuple("m" if joint.kind == "slide" else "rad" for joint in declared.joints)
+    common = {
+        "id": f"{run + 1:02d}",
+        "system": environment_of(case.plan.system),
+        "source": "simulation",
+        "joint_names": tuple(joint.name for joint in declared.joints),
+        "actuator_names": declared.actuators,
+        "licence": "Apache-2.0",
+        "origin": "keycld blind",
+        "t_action": signals.t_action,
+        "action": signals.action,
+    }
+    if studio is None or case.film is None:
+        seen = signals.true + signals.noise
+        return Recording(**common, units={"action": "1", "qpos": units}, t_state=signals.t_state, qpos=seen)
     return Recording(
-        id=f"{run + 1:02d}",
-        system=environment_of(case.plan.system),
-        source="simulation",
-        joint_names=tuple(joint.name for joint in declared.joints),
-        actuator_names=declared.actuators,
-        units={"action": "1", "qpos": units},
-        licence="Apache-2.0",
-        origin="keycld blind",
-        t_action=signals.t_action,
-        action=signals.action,
-        t_state=signals.t_state,
-        qpos=signals.true + signals.noise,
+        **common,
+        units={"action": "1"},
+        camera={"name": declared.camera, "width": SIZE, "height": SIZE},
+        render_quality="fast",
+        t_frame=signals.t_state,
+        frames=studio.shoot(signals.true, case.film, case.stream(run, signals.attempt, "film")),
     )

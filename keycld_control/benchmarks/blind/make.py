@@ -3,10 +3,11 @@
 import hashlib
 import json
 import shutil
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -37,10 +38,12 @@ class Settings:
     Attributes:
         seed: of all random numbers.
         cases: their number.
+        observe: "states", what encoders show, or "pixels", frames alone.
     """
 
     seed: int
     cases: int
+    observe: Literal["states", "pixels"] = "states"
 
 
 def make(out: Path, settings: Settings, workers: int = 1, ray: str | None = None) -> dict[str, Any]:
@@ -95,21 +98,23 @@ def _sealed(out: Path, index: int) -> Path:
 
 def _make(out: Path, settings: Settings, index: int) -> None:
     """Write one case: its answer first, then its folder, complete or not at all."""
-    case, signals = draw_case(plan(settings.cases, settings.seed)[index], (settings.seed, 1, index))
+    filmed = settings.observe == "pixels"
+    case, signals = draw_case(plan(settings.cases, settings.seed)[index], (settings.seed, 1, index), filmed)
     with atomic_file(_sealed(out, index), "w") as file:
         json.dump(answer(case, signals, index), file)
     folder = _folder(out, index)
     shutil.rmtree(folder, ignore_errors=True)
     with atomic_folder(folder) as partial_folder:
-        for run, s in enumerate(signals):
-            part = "training" if run < TRAINING else "held_out"
-            visible = recording(case, run, s)
-            write_recording(partial_folder / part / visible.id, visible)
+        with Studio(case.plan.system, case.errors) if filmed else nullcontext() as studio:
+            for run, s in enumerate(signals):
+                part = "training" if run < TRAINING else "held_out"
+                visible = recording(case, run, s, studio)
+                write_recording(partial_folder / part / visible.id, visible)
         about = {
             "schema": SCHEMA,
             "id": name(index),
             "system": environment_of(case.plan.system),
-            "observe": "states",
+            "observe": settings.observe,
             "excitation": case.plan.excitation,
         }
         (partial_folder / "case.json").write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
@@ -130,8 +135,9 @@ def answer(case: SealedCase, signals: list[Signals], index: int) -> dict[str, An
         "oracle": {
             "metric": "held-out noise",
             "unit": "mrad or mm",
-            "value": 1e3 * float(_remaining(signals[-1]) * np.std(noise)),
+            "value": 1e3 * float(_remaining(signals[-1]) * np.std(noise)) if case.film is None else None,
         },
+        "film": None if case.film is None else case.film.answer(),
         "nuisance": {**asdict(case.errors), "zero": case.zero.tolist()},
         "noise": case.noise.tolist(),
         "rate": case.rate,

@@ -111,7 +111,7 @@ class CaseResult:
         """
         refitted, corrected, oracle = self.error("refitted"), self.error("corrected"), self.answer["oracle"]["value"]
         pushed = any(t["effect"] == "external_pulse" for t in self.answer["truth"])
-        if refitted is None or corrected is None or pushed or refitted < 1.05 * oracle:
+        if refitted is None or corrected is None or oracle is None or pushed or refitted < 1.05 * oracle:
             return None
         return (refitted - corrected) / (refitted - oracle)
 

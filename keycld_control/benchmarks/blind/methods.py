@@ -30,7 +30,9 @@ def get_method(name: str) -> Method:
 
 
 def diagnose(training: Sequence[Recording], held_out: Sequence[Recording], model: mujoco.MjModel) -> dict[str, Any]:
-    """The diagnosis that is measured."""
+    """The diagnosis that is measured; of recordings without joint positions, from their frames."""
     from keycld_model import diagnosis
 
+    if training[0].qpos is None:
+        return diagnosis.diagnose_images(training, model, held_out, workers=1).to_dict()
     return diagnosis.diagnose(training, model, held_out).to_dict()

@@ -8,6 +8,7 @@ from keycld_model.delan.rig import ALL_LINKS, OWN_ERROR, deviation, learned_dyna
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.inputs.observation import Nuisance
 from keycld_model.rigid_body.equality import anchors, bodies, connections
+from keycld_model.rigid_body.links import rigid
 
 
 def inertial_nuisances(model: mujoco.MjModel, criteria: Criteria = STANDARD) -> tuple[Nuisance, ...]:
@@ -49,15 +50,6 @@ def apply(model: mujoco.MjModel, which: tuple[Nuisance, ...], values: NDArray[np
             moved[0] = False
             model.body_pos[moved] *= factor
             _lengthen(model, own, factor)
-
-
-def rigid(model: mujoco.MjModel, body: int) -> list[int]:
-    """A body and what is fixed to it."""
-    out = [body]
-    for child in range(body + 1, model.nbody):
-        if model.body_parentid[child] in out and not model.body_dofnum[child]:
-            out.append(child)
-    return out
 
 
 def _lengthen(model: mujoco.MjModel, own: list[int], factor: float) -> None:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_model.diagnosis.simulation.inertia import rigid
+from keycld_model.rigid_body.links import rigid
 
 Array = NDArray[np.float64]
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)

@@ -1,0 +1,118 @@
+"""The diagnosis of what a camera saw: positions are read off the frames first."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.criteria import STANDARD, Criteria
+from keycld_model.diagnosis.diagnose import diagnose
+from keycld_model.diagnosis.inputs.observation.encoders_and_camera import EncodersAndCamera, joined
+from keycld_model.diagnosis.verdict.evidence import Evidence
+from keycld_model.diagnosis.verdict.report import Estimate, FitErrors, Report, Unexplained
+from keycld_model.image_alignment import Positions, read_positions
+
+
+def diagnose_images(
+    recordings: Sequence[Recording],
+    model: mujoco.MjModel,
+    held_out: Sequence[Recording] = (),
+    camera: str | None = None,
+    encoders: bool = False,
+    criteria: Criteria = STANDARD,
+    baseline: Sequence[Recording] = (),
+    budget: float | None = None,
+    workers: int = 2,
+) -> Report:
+    """Find physics that a simulator lacks, from images.
+
+    The simulator is drawn, and its joints are moved until its picture is that of each frame; the camera's pose, visible
+    lengths, blur and light are fitted first. What is left of the camera's errors is refitted in the diagnosis. Where
+    pictures and frames do not agree, no physics is named: the verdict is "undetermined", and says so.
+
+    Args:
+        recordings: with frames, and commands.
+        model: the simulator, with a camera.
+        held_out: recordings to test findings on, of other amplitudes and inputs.
+        camera: name of the camera; by default the one that the recordings name, or the only one.
+        encoders: the joint positions of the recordings are used beside the images.
+        criteria: thresholds and priors.
+        baseline: recordings of the same mechanism from before, at least two; see `diagnose`.
+        budget: seconds for the search, see `diagnose`.
+        workers: processes that read images.
+
+    Returns:
+        The report; `nuisance` has the camera's errors, `details["images"]` how far frames were trusted.
+
+    Raises:
+        InputError: if frames or the camera are missing, or what `diagnose` raises.
+    """
+    if baseline and encoders:
+        raise InputError("A baseline is compared by one sensor; observe states or pixels, not both.")
+    every = [*recordings, *held_out, *baseline]
+    positions = read_positions(every, model, camera, workers)
+    if positions.trusted < criteria.trusted_frames:
+        return _distrusted(positions, model, criteria)
+    seen = list(positions.recordings)
+    observation = None
+    if encoders:
+        seen = [joined(own, read) for own, read in zip(every, seen, strict=True)]
+        observation = EncodersAndCamera(model, criteria=criteria)
+    parts = [seen[: len(recordings)], seen[len(recordings) : len(recordings) + len(held_out)]]
+    before = seen[len(recordings) + len(held_out) :]
+    if before:
+        report = diagnose(parts[0], model, criteria=criteria, baseline=before, budget=budget)
+    else:
+        tracked = observation is None
+        report = diagnose(parts[0], model, parts[1], tracked, observation, criteria, budget=budget)
+    return replace(
+        report,
+        nuisance={**report.nuisance, **_camera(positions)},
+        details={**report.details, "tracked": True, "images": _summary(positions)},
+    )
+
+
+def _camera(positions: Positions) -> dict[str, Estimate]:
+    """Errors of the camera with 90 % intervals."""
+    out = {}
+    for parameter, value, deviation in zip(
+        positions.parameters, positions.values, positions.value_deviation, strict=True
+    ):
+        low, high = value - 1.645 * deviation, value + 1.645 * deviation
+        numbers = [float(np.exp(x)) if parameter.factor else float(x) for x in (value, low, high)]
+        name = parameter.name if parameter.body is not None else f"camera: {parameter.name}"
+        out[name] = Estimate(numbers[0], parameter.unit, *numbers[1:])
+    return out
+
+
+def _summary(positions: Positions) -> dict[str, object]:
+    """How far the frames are trusted, JSON-compatible."""
+    shares = {r.id: round(float(np.median(e)), 4) for r, e in zip(positions.recordings, positions.explained, strict=True)}
+    return {"trusted_frames": round(positions.trusted, 4), "explained": shares}
+
+
+def _distrusted(positions: Positions, model: mujoco.MjModel, criteria: Criteria) -> Report:
+    """The report that names no physics, since the pictures are not the simulator's."""
+    worst = min(range(len(positions.recordings)), key=lambda r: float(np.median(positions.explained[r])))
+    share = float(np.median(positions.explained[worst]))
+    message = (
+        f"Only {100 * positions.trusted:.0f} % of the frames show the simulator where it can be, "
+        f"{100 * criteria.trusted_frames:.0f} % are needed (in recording {positions.recordings[worst].id!r} its picture "
+        f"explains {100 * share:.0f} % of what moves): positions cannot be read off them, and nothing is said of "
+        "physics. Give the simulator the camera, the shapes and the colours of the scene."
+    )
+    none = float("nan")
+    return Report(
+        verdict="undetermined",
+        headline=message,
+        findings=[],
+        nuisance=_camera(positions),
+        unexplained=Unexplained(True, 1.0, None, message),
+        fit=FitErrors("not measured", "", none, none, none),
+        held_out=[],
+        details={"tracked": True, "images": _summary(positions), "not_tried": []},
+        evidence=Evidence(model, model, (), (), (), np.zeros(0), (), ()),
+    )

@@ -1,0 +1,81 @@
+"""Frames of recordings, in memory, of one size."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import Recording
+
+Array = NDArray[np.float64]
+Frames = NDArray[np.uint8]
+LARGEST = 96
+"""Pixels along the longer side of images that are aligned; larger frames are reduced by a whole number."""
+
+
+@dataclass(frozen=True)
+class Films:
+    """Frames of recordings.
+
+    Attributes:
+        times: of each recording, `[T]` s.
+        frames: of each, `[T, H, W, 3]`.
+    """
+
+    times: tuple[Array, ...]
+    frames: tuple[Frames, ...]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(H, W)."""
+        return self.frames[0].shape[1], self.frames[0].shape[2]
+
+    @property
+    def number(self) -> int:
+        """Of all frames."""
+        return sum(len(frames) for frames in self.frames)
+
+    def spread(self, number: int) -> list[tuple[int, NDArray[np.float32]]]:
+        """About so many frames, spread over all recordings and their time, each with the index of its recording."""
+        each = max(2, round(number / len(self.frames)))
+        return [
+            (r, frames[k].astype(np.float32))
+            for r, frames in enumerate(self.frames)
+            for k in np.unique(np.linspace(0, len(frames) - 1, each).round().astype(int))
+        ]
+
+
+def read_films(recordings: Sequence[Recording]) -> Films:
+    """The frames of recordings; large ones are reduced.
+
+    Raises:
+        InputError: if there are none, or of several sizes, or fewer than two in a recording.
+    """
+    times, films = [], []
+    for recording in recordings:
+        if recording.t_frame is None or recording.num_frames < 2:
+            raise InputError(
+                f"Recording {recording.id!r} has {recording.num_frames} frames; film it, or leave out --observe pixels."
+            )
+        times.append(np.asarray(recording.t_frame, np.float64))
+        films.append(np.stack([reduced(frame) for frame in recording.iter_frames()]))
+        if films[-1].shape[1:] != films[0].shape[1:]:
+            sizes = ["×".join(map(str, film.shape[2:0:-1])) for film in (films[0], films[-1])]
+            raise InputError(
+                f"Recording {recording.id!r} has frames of {sizes[1]} pixels, but {recordings[0].id!r} of {sizes[0]}; "
+                "one camera with one setting is needed."
+            )
+    return Films(tuple(times), tuple(films))
+
+
+def reduced(frame: Frames) -> Frames:
+    """A frame `[H, W, 3]` of at most `LARGEST` pixels, by means over squares; what is left at the borders is cut."""
+    every = -(-max(frame.shape[:2]) // LARGEST)
+    if every == 1:
+        return frame
+    height, width = (side // every for side in frame.shape[:2])
+    top, left = (frame.shape[0] - height * every) // 2, (frame.shape[1] - width * every) // 2
+    cut = frame[top : top + height * every, left : left + width * every].astype(np.float32)
+    return cut.reshape(height, every, width, every, 3).mean(axis=(1, 3)).round().astype(np.uint8)

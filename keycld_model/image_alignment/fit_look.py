@@ -1,0 +1,169 @@
+"""The look of a scene from frames: camera, visible lengths and blur, together with the pose of every frame."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_model.image_alignment.bank import Bank
+from keycld_model.image_alignment.light import Light
+from keycld_model.image_alignment.pose import FINEST, Pose, align, robust_weights
+from keycld_model.image_alignment.scene import Scene, softened
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+SOFT = (3.0, 2.0, 1.0, 1.0, 0.5, 0.5, 0.0)
+"""Pixels by which images are softened in the steps of Gauss-Newton on the look, one after the other."""
+TRIED = 4
+"""Positions of the bank from which a pose without a predecessor is fitted."""
+UNSEEN = 0.3
+"""Frames of whose motion a pose explains a smaller share tell nothing of the look."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How recordings look.
+
+    Attributes:
+        values: `[p]` of the scene's parameters.
+        deviation: `[p]` their standard deviations.
+        lights: of each recording.
+    """
+
+    values: Array
+    deviation: Array
+    lights: tuple[Light, ...]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A frame that the look is fitted to.
+
+    Attributes:
+        recording: index of its recording.
+        frame: `[H, W, 3]`, 0 to 255.
+        pose: its pose.
+    """
+
+    recording: int
+    frame: Image
+    pose: Pose
+
+
+def find_pose(scene: Scene, look: Array, light: Light, frame: Image, bank: Bank, still: Image) -> Pose:
+    """Pose of a frame of which nothing else is known: the best fit from several positions of a bank."""
+    starts = bank.nearest(frame, light, TRIED)
+    poses = [align(scene, look, light, frame, still, start, near=False) for start in starts]
+    return max(poses, key=lambda pose: pose.explained)
+
+
+def fit_look(
+    scene: Scene, stills: Sequence[Image], frames: Sequence[tuple[int, Image]], bank: Bank, advance: Callable[..., None] | None = None
+) -> Look:
+    """Fit the look of a scene.
+
+    Args:
+        scene: that draws.
+        stills: of each recording, what it shows where nothing moves.
+        frames: to fit to, each with the index of its recording.
+        bank: drawings of the scene.
+        advance: called after each step.
+    """
+    spread = np.array([p.spread for p in scene.parameters])
+    values, lights = scene.nominal, [Light.of(bank.still, still) for still in stills]
+    samples = [
+        Sample(r, f, find_pose(scene, values, lights[r], f, bank, lights[r].apply(bank.still))) for r, f in frames
+    ]
+    normal = np.diag(1 / spread**2)
+    for soft in SOFT:
+        lights = _lights(scene, values, _seen(samples), lights)
+        parts = [_Linear.of(scene, values, lights[s.recording], s, soft) for s in samples]
+        seen = [part for part, s in zip(parts, samples, strict=True) if s.pose.explained > UNSEEN] or parts
+        normal = np.diag(1 / spread**2) + sum(part.normal for part in seen)
+        gradient = sum(part.gradient for part in seen) - (values - scene.nominal) / spread**2
+        step = np.linalg.solve(normal, gradient)
+        step *= min(1.0, 1.0 / float(np.abs(step / spread).max()))
+        step[-1] = max(step[-1], -values[-1])
+        values = values + step
+        samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
+        if advance is not None:
+            advance()
+    samples = [_again(scene, values, lights, s, bank) for s in samples]
+    lights = _lights(scene, values, _seen(samples), lights)
+    return Look(values, np.sqrt(np.diag(np.linalg.inv(normal))), tuple(lights))
+
+
+def _seen(samples: Sequence[Sample]) -> Sequence[Sample]:
+    """Those whose poses explain something; if none does, all."""
+    return [s for s in samples if s.pose.explained > UNSEEN] or samples
+
+
+def _moved(sample: Sample, part: "_Linear", step: Array) -> Sample:
+    """With the pose that goes with a step of the look."""
+    return replace(sample, pose=replace(sample.pose, q=sample.pose.q + part.joints(step)))
+
+
+def _again(scene: Scene, values: Array, lights: Sequence[Light], sample: Sample, bank: Bank) -> Sample:
+    """With its pose in another look."""
+    light = lights[sample.recording]
+    still = light.apply(bank.still)
+    pose = align(scene, values, light, sample.frame, still, sample.pose.q, near=True)
+    return replace(sample, pose=pose)
+
+
+def _lights(scene: Scene, values: Array, samples: Sequence[Sample], lights: Sequence[Light]) -> list[Light]:
+    """Of each recording anew, where a sample shows it."""
+    out = list(lights)
+    for r in range(len(lights)):
+        own = [s for s in samples if s.recording == r]
+        if own:
+            drawn = np.stack([scene.render(s.pose.q, values) for s in own])
+            out[r] = Light.of(drawn, np.stack([s.frame for s in own]))
+    return out
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """The difference between one frame and its drawing, to first order: y - A look - B joints, whitened.
+
+    Attributes:
+        normal: `[p, p]` of the look, the joints eliminated.
+        gradient: `[p]`.
+        back: `[nq, p]` and `rest`: joints = rest - back look.
+        rest: `[nq]`.
+    """
+
+    normal: Array
+    gradient: Array
+    back: Array
+    rest: Array
+
+    @classmethod
+    def of(cls, scene: Scene, values: Array, light: Light, sample: Sample, soft: float) -> "_Linear":
+        """About a look and a pose, of images softened by so many pixels."""
+        q = sample.pose.q
+        steps = (1 + soft) * scene.joint_steps(q, values)
+        of_look, of_joints = (
+            (jacobian * light.gain).reshape(len(jacobian), -1).T.astype(np.float64)
+            for jacobian in (scene.look_jacobian(q, values, soft), scene.jacobian(q, values, steps, soft))
+        )
+        drawn = light.apply(scene.render(q, values, soft))
+        left = (softened(sample.frame, soft) - drawn).ravel().astype(np.float64)
+        active = np.abs(of_joints).max(axis=1) > 1e-3 * np.abs(of_joints).max()
+        scale = max(FINEST, 1.4826 * float(np.median(np.abs(left[active]))))
+        root = np.sqrt(robust_weights(left, scale)) / scale
+        a, b, y = root[:, None] * of_look, root[:, None] * of_joints, root * left
+        basis, triangle = np.linalg.qr(b)
+        free = y - basis @ (basis.T @ y), a - basis @ (basis.T @ a)  # a pose explains what is in its span
+        ridge = triangle + 1e-9 * np.abs(triangle).max() * np.eye(len(q))
+        return cls(
+            free[1].T @ free[1],
+            free[1].T @ free[0],
+            np.linalg.solve(ridge, basis.T @ a),
+            np.linalg.solve(ridge, basis.T @ y),
+        )
+
+    def joints(self, step: Array) -> Array:
+        """Change of the joint positions that goes with a step of the look."""
+        return self.rest - self.back @ step

@@ -1,0 +1,70 @@
+"""What an image depends on beside the joints: the camera, visible lengths, and sharpness."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.rendering import View
+from keycld_model.rigid_body.links import rigid
+
+Array = NDArray[np.float64]
+CAPSULES = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
+
+
+@dataclass(frozen=True)
+class LookParameter:
+    """A number that an image depends on.
+
+    Attributes:
+        name: such as "zoom" or "visible length of upper_arm".
+        spread: standard deviation expected of it.
+        unit: of its value.
+        factor: the value is the logarithm of a factor.
+        body: whose length it is; None for the camera.
+    """
+
+    name: str
+    spread: float
+    unit: str
+    factor: bool = False
+    body: int | None = None
+
+
+CAMERA = ("right", "up", "zoom", "aspect", "roll")
+"""The first parameters, those of `View`."""
+BLUR = "blur"
+"""The last one: the variance of a Gaussian that an image is blurred by, which differences are linear in."""
+
+
+def look_parameters(model: mujoco.MjModel, size: tuple[int, int]) -> tuple[LookParameter, ...]:
+    """Of a model whose images have a size (H, W): five of the camera, a length of every link that turns, and blur."""
+    turning = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
+    return (
+        LookParameter("right", 0.05 * size[1], "px"),
+        LookParameter("up", 0.05 * size[0], "px"),
+        LookParameter("zoom", 0.1, "of the simulator's", factor=True),
+        LookParameter("aspect", 0.05, "of the simulator's", factor=True),
+        LookParameter("roll", 0.1, "rad"),
+        *(
+            LookParameter(f"visible length of {model.body(b).name}", 0.15, "of the simulator's", True, b)
+            for b in dict.fromkeys(turning)
+        ),
+        LookParameter(BLUR, 0.5, "px^2"),
+    )
+
+
+def view_of(values: Array) -> View:
+    """How the camera sees, of the values of all parameters."""
+    right, up, zoom, aspect, roll = (float(v) for v in values[: len(CAMERA)])
+    return View(right, up, float(np.exp(zoom)), float(np.exp(aspect)), roll)
+
+
+def lengthen(model: mujoco.MjModel, body: int, factor: float) -> None:
+    """Scale a link as it is seen, in place: where its geoms and the next links are, and how long capsules are."""
+    own = rigid(model, body)
+    model.body_pos[np.isin(model.body_parentid, own) & (np.arange(model.nbody) > 0)] *= factor
+    geoms = np.isin(model.geom_bodyid, own)
+    model.geom_pos[geoms] *= factor
+    model.geom_size[geoms & np.isin(model.geom_type, CAPSULES), 1] *= factor

@@ -1,0 +1,136 @@
+"""Joint positions of one frame: Gauss-Newton on the difference between what is shown and what is drawn."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_model.image_alignment.light import Light
+from keycld_model.image_alignment.scene import Scene, softened
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+ACTIVE = 0.05
+"""Pixels count where they change with a joint by this share of the strongest change, or more."""
+FINEST = 2.0
+"""Grey levels: rounding, and edges drawn in a few shades; residuals are never weighed as if they were finer."""
+OUTLIER = 3.0
+"""Residuals of more robust standard deviations count linearly (Huber)."""
+EDGE = 25.0
+"""Grey levels; an edge a fraction of a pixel away leaves as much, and is no outlier."""
+SOFT = (2.0, 0.7)
+"""Pixels by which images are softened, one after the other, before a pose that may be pixels away is fitted to them as
+they are: differences are then linear over that far."""
+FAR = 2.0
+"""Longest step of Gauss-Newton, in steps of finite differences."""
+CLOSE = 0.02
+"""A step of so many steps of finite differences (.014 pixels) needs no other."""
+ROUNDS = 4
+"""Steps with one Jacobian, at most."""
+SATURATED = 50.0
+"""Grey levels; a pixel that is off by more is elsewhere altogether, and counts as if by so many."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where a mechanism is in one frame.
+
+    Attributes:
+        q: `[nq]` joint positions, rad or m.
+        covariance: `[nq, nq]` from the curvature of the fit and the size of residuals, as if pixels were independent.
+        misfit: robust standard deviation of the residuals where something moves, grey levels.
+        explained: share of what differs from the scene without this motion that the pose explains, 1 at best.
+    """
+
+    q: Array
+    covariance: Array
+    misfit: float
+    explained: float
+
+
+def align(scene: Scene, look: Array, light: Light, frame: Image, still: Image, start: Array, near: bool) -> Pose:
+    """Fit joint positions to a frame.
+
+    Args:
+        scene: that draws.
+        look: `[p]` of the scene.
+        light: of the recording.
+        frame: `[H, W, 3]`, 0 to 255.
+        still: what the recording shows where nothing moves, see `explained_share`.
+        start: `[nq]` positions to begin from.
+        near: these are within a pixel, probably; if that turns out to be wrong, or if they are not, softened images
+            come first.
+    """
+    fit = _Fit(scene, look, light, frame)
+    if near and fit.converge(start, 0.0):
+        return fit.pose(still)
+    q = start
+    for soft in SOFT:
+        fit.converge(q, soft)
+        q = fit.q
+    fit.converge(q, 0.0)
+    return fit.pose(still)
+
+
+class _Fit:
+    """One frame, and the best pose so far."""
+
+    def __init__(self, scene: Scene, look: Array, light: Light, frame: Image) -> None:
+        """Nothing is tried yet."""
+        self._scene, self._look, self._light, self._frame = scene, look, light, frame
+        self._cost = np.inf
+        self.q: Array = np.zeros(scene.model.nq)
+        self._drawn, self._covariance, self._misfit = frame, np.zeros((len(self.q), len(self.q))), np.inf
+
+    def pose(self, still: Image) -> Pose:
+        """The best one."""
+        return Pose(self.q, self._covariance, self._misfit, explained_share(self._frame, self._drawn, still))
+
+    def converge(self, q: Array, soft: float) -> bool:
+        """Steps of Gauss-Newton with one Jacobian, on images softened so far; returns whether they come to rest."""
+        frame, self._cost = softened(self._frame, soft), np.inf
+        steps = (1 + soft) * self._scene.joint_steps(q, self._look)
+        jacobian = self._scene.jacobian(q, self._look, steps, soft) * (self._light.gain * steps[:, None, None, None])
+        jacobian = jacobian.reshape(len(q), -1).T.astype(np.float64)
+        size = np.abs(jacobian).max(axis=1)
+        active = size > ACTIVE * max(float(size.max()), 1e-6)
+        jacobian = jacobian[active]
+        for _ in range(ROUNDS):
+            drawn = self._light.apply(self._scene.render(q, self._look, soft))
+            difference = (frame - drawn).ravel()
+            left = difference[active].astype(np.float64)
+            scale = max(FINEST, 1.4826 * float(np.median(np.abs(left))))
+            weight = robust_weights(left, scale)
+            normal = jacobian.T @ (weight[:, None] * jacobian)
+            normal += (1e-6 * np.trace(normal) + 1e-9) * np.eye(len(q))
+            cost = float(np.sum(np.minimum(np.abs(difference), SATURATED) ** 2))
+            if cost < self._cost:
+                self._cost, self.q, self._drawn, self._misfit = cost, q, drawn, scale
+                self._covariance = scale**2 * np.linalg.inv(normal) * np.outer(steps, steps)
+            step = np.linalg.solve(normal, jacobian.T @ (weight * left))
+            step *= min(1.0, FAR / max(float(np.abs(step).max()), 1e-9))
+            if np.abs(step).max() < CLOSE:
+                if cost == self._cost:
+                    self.q = q + steps * step  # too short to be worth another look
+                return True
+            q = q + steps * step
+        return False
+
+
+def robust_weights(left: Array, scale: float) -> Array:
+    """Of residuals with a robust standard deviation, after Huber."""
+    return np.minimum(1.0, max(OUTLIER * scale, EDGE) / np.maximum(np.abs(left), 1e-9))
+
+
+def explained_share(frame: Image, drawn: Image, still: Image) -> float:
+    """Share of the squared difference to a still image that a drawing explains, where either differs from it.
+
+    All are softened by a pixel, so that the noise of pixels counts little.
+    """
+    frame, drawn, still = (softened(image, 1.0) for image in (frame, drawn, still))
+    moved = np.maximum(np.abs(frame - still), np.abs(drawn - still)).max(axis=-1) > 5 * FINEST
+    if not moved.any():
+        return 0.0
+    left = np.minimum(np.abs(frame - drawn)[moved], SATURATED)
+    there = np.minimum(np.abs(frame - still)[moved], SATURATED)
+    return float(1 - np.sum(left**2) / max(np.sum(there**2), 1e-9))

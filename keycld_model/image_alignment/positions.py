@@ -1,0 +1,158 @@
+"""Joint positions of recordings from their frames alone."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.checks import check_camera
+from keycld_envs.errors import InputError
+from keycld_envs.progress import progress
+from keycld_envs.recordings import Recording
+from keycld_envs.rendering import Quality
+from keycld_envs.workers import each
+from keycld_model.image_alignment.bank import Bank
+from keycld_model.image_alignment.films import Films, read_films
+from keycld_model.image_alignment.fit_look import SOFT, Look, fit_look
+from keycld_model.image_alignment.follow import follow
+from keycld_model.image_alignment.light import Light
+from keycld_model.image_alignment.look import LookParameter
+from keycld_model.image_alignment.pose import Pose
+from keycld_model.image_alignment.scene import Scene
+
+Array = NDArray[np.float64]
+FRAMES = 18
+"""Frames that the look is fitted to."""
+TRUSTED = 0.5
+"""Share of a frame's motion that its pose must explain; of others, positions are missing."""
+
+
+@dataclass(frozen=True)
+class Positions:
+    """What was read off the frames of recordings.
+
+    Attributes:
+        recordings: with joint positions at the times of their frames, NaN where a frame does not tell.
+        deviation: of each recording, `[T, nq]` standard deviations by the fits' curvature, rad or m.
+        explained: of each recording, `[T]` the share of a frame's motion that its pose explains.
+        parameters: of the look.
+        values: `[p]` of them.
+        value_deviation: `[p]` their standard deviations.
+    """
+
+    recordings: tuple[Recording, ...]
+    deviation: tuple[Array, ...]
+    explained: tuple[Array, ...]
+    parameters: tuple[LookParameter, ...]
+    values: Array
+    value_deviation: Array
+
+    @property
+    def trusted(self) -> float:
+        """Share of all frames whose positions may be used."""
+        return float(np.mean(np.concatenate(self.explained) >= TRUSTED))
+
+
+def read_positions(
+    recordings: Sequence[Recording], model: mujoco.MjModel, camera: str | None = None, workers: int = 2
+) -> Positions:
+    """Read joint positions off frames: a simulator is drawn, and moved until its picture is that of each frame.
+
+    Neither sensors nor a learned model are needed. The camera's shift, zoom, aspect and roll, the visible lengths of
+    links, blur, and the brightness of each recording are fitted to frames of all recordings first.
+
+    Args:
+        recordings: with frames; joint positions that they have are not looked at.
+        model: the simulator, with a camera.
+        camera: its name; by default the one that the recordings name, or the model's only one.
+        workers: processes.
+
+    Raises:
+        InputError: if a recording has no frames, or they have several sizes, or the model has no such camera, or no
+            OpenGL can be opened.
+    """
+    films = read_films(recordings)
+    quality: Quality = "full" if recordings[0].render_quality == "full" else "fast"
+    name = _camera(recordings, model, camera)
+    with progress("Reading positions off images", total=films.number + 300) as advance:
+        scene = Scene(model, name, films.size, quality)
+        try:
+            stills = [np.median(f[:: max(1, len(f) // 60)], axis=0).astype(np.float32) for f in films.frames]
+            bank = Bank(scene, scene.nominal)
+            advance(100)
+            look = fit_look(scene, stills, films.spread(FRAMES), bank, partial(advance, 200 // len(SOFT)))
+            bank, parameters = Bank(scene, look.values), scene.parameters
+        finally:
+            scene.close()
+        job = partial(_follow, model, name, quality, look.values, bank)
+        jobs = list(zip(look.lights, films.times, films.frames, strict=True))
+        followed = []
+        for poses in each(job, jobs, min(workers, len(jobs))):
+            followed.append(poses)
+            advance(len(poses))
+    return _positions(recordings, model, films, followed, look, parameters)
+
+
+def _follow(
+    model: mujoco.MjModel,
+    camera: str,
+    quality: Quality,
+    look: Array,
+    bank: Bank,
+    job: tuple[Light, Array, NDArray[np.uint8]],
+) -> list[Pose]:
+    """Poses of one recording, in a process of its own."""
+    light, times, frames = job
+    scene = Scene(model, camera, (frames.shape[1], frames.shape[2]), quality)
+    try:
+        return follow(scene, look, light, times, frames, bank)
+    finally:
+        scene.close()
+
+
+def _camera(recordings: Sequence[Recording], model: mujoco.MjModel, camera: str | None) -> str:
+    """The name of the camera that looked.
+
+    Raises:
+        InputError: if it cannot be told.
+    """
+    named = {str(r.camera["name"]) for r in recordings if r.camera is not None and "name" in r.camera}
+    if camera is not None:
+        return check_camera(model, camera)
+    if len(named) == 1:
+        return check_camera(model, named.pop())
+    own = [model.camera(i).name for i in range(model.ncam)]
+    if len(named) > 1 or len(own) != 1:
+        raise InputError(
+            f"The recordings name the cameras {sorted(named)} in meta.json, and the simulator has {own}; say which one "
+            "looked, --camera NAME."
+        )
+    return own[0]
+
+
+def _positions(
+    recordings: Sequence[Recording],
+    model: mujoco.MjModel,
+    films: Films,
+    followed: Sequence[Sequence[Pose]],
+    look: Look,
+    parameters: tuple[LookParameter, ...],
+) -> Positions:
+    """As recordings of joint positions."""
+    explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
+    out = []
+    for recording, times, poses, share in zip(recordings, films.times, followed, explained, strict=True):
+        q = np.where((share >= TRUSTED)[:, None], [pose.q for pose in poses], np.nan)
+        units = tuple("m" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for kind in model.jnt_type)
+        own = {key: unit for key, unit in recording.units.items() if key != "qvel"}
+        names = tuple(model.joint(j).name for j in range(model.njnt))
+        out.append(
+            replace(
+                recording, joint_names=names, t_state=times, qpos=q, qvel=None, units={**own, "qpos": units}
+            )
+        )
+    deviation = tuple(np.sqrt([np.diag(pose.covariance) for pose in poses]) for poses in followed)
+    return Positions(tuple(out), deviation, explained, parameters, look.values, look.deviation)
