@@ -11,6 +11,7 @@ from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.diagnose import diagnose
 from keycld_model.diagnosis.inputs.observation.encoders_and_camera import EncodersAndCamera, joined
+from keycld_model.diagnosis.output.pictures import pictures
 from keycld_model.diagnosis.verdict.evidence import Evidence
 from keycld_model.diagnosis.verdict.report import Estimate, FitErrors, Report, Unexplained
 from keycld_model.image_alignment import Positions, read_positions
@@ -55,7 +56,7 @@ def diagnose_images(
     every = [*recordings, *held_out, *baseline]
     positions = read_positions(every, model, camera, workers)
     if positions.trusted < criteria.trusted_frames:
-        return _distrusted(positions, model, criteria)
+        return _distrusted(positions, every, model, criteria)
     seen = list(positions.recordings)
     observation = None
     if encoders:
@@ -68,8 +69,12 @@ def diagnose_images(
     else:
         tracked = observation is None
         report = diagnose(parts[0], model, parts[1], tracked, observation, criteria, budget=budget)
+    evidence = report.evidence
+    if evidence is not None:
+        evidence = replace(evidence, pictures=pictures(evidence.rollouts, every, positions, model))
     return replace(
         report,
+        evidence=evidence,
         nuisance={**report.nuisance, **_camera(positions)},
         details={**report.details, "tracked": True, "images": _summary(positions)},
     )
@@ -90,19 +95,24 @@ def _camera(positions: Positions) -> dict[str, Estimate]:
 
 def _summary(positions: Positions) -> dict[str, object]:
     """How far the frames are trusted, JSON-compatible."""
-    shares = {r.id: round(float(np.median(e)), 4) for r, e in zip(positions.recordings, positions.explained, strict=True)}
+    shares = {
+        r.id: round(float(np.median(e)), 4) for r, e in zip(positions.recordings, positions.explained, strict=True)
+    }
     return {"trusted_frames": round(positions.trusted, 4), "explained": shares}
 
 
-def _distrusted(positions: Positions, model: mujoco.MjModel, criteria: Criteria) -> Report:
+def _distrusted(
+    positions: Positions, recordings: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria
+) -> Report:
     """The report that names no physics, since the pictures are not the simulator's."""
     worst = min(range(len(positions.recordings)), key=lambda r: float(np.median(positions.explained[r])))
     share = float(np.median(positions.explained[worst]))
+    name, needed = positions.recordings[worst].id, 100 * criteria.trusted_frames
     message = (
-        f"Only {100 * positions.trusted:.0f} % of the frames show the simulator where it can be, "
-        f"{100 * criteria.trusted_frames:.0f} % are needed (in recording {positions.recordings[worst].id!r} its picture "
-        f"explains {100 * share:.0f} % of what moves): positions cannot be read off them, and nothing is said of "
-        "physics. Give the simulator the camera, the shapes and the colours of the scene."
+        f"Only {100 * positions.trusted:.0f} % of the frames show the simulator where it can be, {needed:.0f} % are "
+        f"needed (in recording {name!r} its picture explains {100 * share:.0f} % of what moves): positions cannot be "
+        "read off them, and nothing is said of physics. Give the simulator the camera, the shapes and the colours of "
+        "the scene."
     )
     none = float("nan")
     return Report(
@@ -114,5 +124,7 @@ def _distrusted(positions: Positions, model: mujoco.MjModel, criteria: Criteria)
         fit=FitErrors("not measured", "", none, none, none),
         held_out=[],
         details={"tracked": True, "images": _summary(positions), "not_tried": []},
-        evidence=Evidence(model, model, (), (), (), np.zeros(0), (), ()),
+        evidence=Evidence(
+            model, model, (), (), (), np.zeros(0), (), (), pictures=pictures((), recordings, positions, model)
+        ),
     )

@@ -2,11 +2,10 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 from scipy.stats import qmc
 
 from keycld_model.image_alignment.light import Light
-from keycld_model.image_alignment.scene import Scene
+from keycld_model.image_alignment.scene import Scene, softened
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -32,10 +31,12 @@ class Bank:
         joints = len(low)
         if joints <= 2:
             side = round(POSITIONS[joints] ** (1 / joints))
-            axes = [np.linspace(a, b, side, endpoint=False) + (b - a) / side / 2 for a, b in zip(low, high, strict=True)]
+            axes = [
+                np.linspace(a, b, side, endpoint=False) + (b - a) / side / 2 for a, b in zip(low, high, strict=True)
+            ]
             self.q = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, joints)
         else:
-            points = qmc.Sobol(joints, seed=0).random(1024)[:MOST]
+            points = qmc.Sobol(joints, scramble=False).random(1024)[:MOST]
             self.q = low + (high - low) * points
         images = np.stack([scene.render(q, look) for q in self.q])
         self.still: Image = np.median(images, axis=0).astype(np.float32)
@@ -50,4 +51,4 @@ class Bank:
 
     def _coarse(self, image: Image) -> Image:
         blur = BLUR * image.shape[0]
-        return gaussian_filter(image, (blur, blur, 0))[:: self._every, :: self._every]
+        return softened(image, blur)[:: self._every, :: self._every]

@@ -59,7 +59,11 @@ def find_pose(scene: Scene, look: Array, light: Light, frame: Image, bank: Bank,
 
 
 def fit_look(
-    scene: Scene, stills: Sequence[Image], frames: Sequence[tuple[int, Image]], bank: Bank, advance: Callable[..., None] | None = None
+    scene: Scene,
+    stills: Sequence[Image],
+    frames: Sequence[tuple[int, Image]],
+    bank: Bank,
+    advance: Callable[..., None] | None = None,
 ) -> Look:
     """Fit the look of a scene.
 
@@ -82,7 +86,7 @@ def fit_look(
         seen = [part for part, s in zip(parts, samples, strict=True) if s.pose.explained > UNSEEN] or parts
         normal = np.diag(1 / spread**2) + sum(part.normal for part in seen)
         gradient = sum(part.gradient for part in seen) - (values - scene.nominal) / spread**2
-        step = np.linalg.solve(normal, gradient)
+        step = np.asarray(np.linalg.solve(normal, gradient), np.float64)
         step *= min(1.0, 1.0 / float(np.abs(step / spread).max()))
         step[-1] = max(step[-1], -values[-1])
         values = values + step

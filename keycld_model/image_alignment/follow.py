@@ -25,7 +25,7 @@ def follow(
     look: Array,
     light: Light,
     times: Array,
-    frames: Sequence[NDArray[np.uint8]],
+    frames: NDArray[np.uint8],
     bank: Bank,
     advance: Callable[..., None] | None = None,
 ) -> list[Pose]:
@@ -38,7 +38,7 @@ def follow(
         look: `[p]` of the scene.
         light: of the recording.
         times: `[T]` of the frames, s.
-        frames: `[H, W, 3]` each.
+        frames: `[T, H, W, 3]`.
         bank: drawings of the scene.
         advance: called after each frame.
     """

@@ -1,5 +1,6 @@
 """What an image depends on beside the joints: the camera, visible lengths, and sharpness."""
 
+import copy
 from dataclasses import dataclass
 
 import mujoco
@@ -59,6 +60,30 @@ def view_of(values: Array) -> View:
     """How the camera sees, of the values of all parameters."""
     right, up, zoom, aspect, roll = (float(v) for v in values[: len(CAMERA)])
     return View(right, up, float(np.exp(zoom)), float(np.exp(aspect)), roll)
+
+
+def pixels_of(points: Array, values: Array, size: tuple[int, int]) -> Array:
+    """Columns and rows `[..., 2]` of pixels at which image units `[..., 2]` of the simulator's camera are seen.
+
+    Args:
+        points: pixel centres of the simulator's image span -1 to 1, y up.
+        values: of all parameters.
+        size: of the image, (H, W).
+    """
+    view, (height, width) = view_of(values), size
+    x, y = points[..., 0] * (width - 1) / 2, points[..., 1] * (height - 1) / 2
+    x, y = x * np.cos(view.roll) - y * np.sin(view.roll), x * np.sin(view.roll) + y * np.cos(view.roll)
+    x, y = x * view.zoom * view.aspect + view.right, y * view.zoom + view.up
+    return np.stack([(width - 1) / 2 + x, (height - 1) / 2 - y], axis=-1)
+
+
+def as_seen(model: mujoco.MjModel, parameters: tuple[LookParameter, ...], values: Array) -> mujoco.MjModel:
+    """A copy of a model whose links are as long as they look."""
+    out = copy.copy(model)
+    for parameter, value in zip(parameters, values, strict=True):
+        if parameter.body is not None:
+            lengthen(out, parameter.body, float(np.exp(value)))
+    return out
 
 
 def lengthen(model: mujoco.MjModel, body: int, factor: float) -> None:

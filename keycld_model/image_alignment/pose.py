@@ -23,8 +23,10 @@ SOFT = (2.0, 0.7)
 they are: differences are then linear over that far."""
 FAR = 2.0
 """Longest step of Gauss-Newton, in steps of finite differences."""
-CLOSE = 0.02
-"""A step of so many steps of finite differences (.014 pixels) needs no other."""
+CLOSE = 0.03
+"""A step of so many steps of finite differences (.02 pixels) needs no other."""
+LOST = 0.5
+"""After a last step of more than so many (.35 pixels) a pose is looked for from farther away."""
 ROUNDS = 4
 """Steps with one Jacobian, at most."""
 SATURATED = 50.0
@@ -62,7 +64,7 @@ def align(scene: Scene, look: Array, light: Light, frame: Image, still: Image, s
             come first.
     """
     fit = _Fit(scene, look, light, frame)
-    if near and fit.converge(start, 0.0):
+    if near and fit.converge(start, 0.0) < LOST:
         return fit.pose(still)
     q = start
     for soft in SOFT:
@@ -86,8 +88,8 @@ class _Fit:
         """The best one."""
         return Pose(self.q, self._covariance, self._misfit, explained_share(self._frame, self._drawn, still))
 
-    def converge(self, q: Array, soft: float) -> bool:
-        """Steps of Gauss-Newton with one Jacobian, on images softened so far; returns whether they come to rest."""
+    def converge(self, q: Array, soft: float) -> float:
+        """Steps of Gauss-Newton with one Jacobian, on images softened so far; returns the length of the last."""
         frame, self._cost = softened(self._frame, soft), np.inf
         steps = (1 + soft) * self._scene.joint_steps(q, self._look)
         jacobian = self._scene.jacobian(q, self._look, steps, soft) * (self._light.gain * steps[:, None, None, None])
@@ -95,6 +97,7 @@ class _Fit:
         size = np.abs(jacobian).max(axis=1)
         active = size > ACTIVE * max(float(size.max()), 1e-6)
         jacobian = jacobian[active]
+        length = np.inf
         for _ in range(ROUNDS):
             drawn = self._light.apply(self._scene.render(q, self._look, soft))
             difference = (frame - drawn).ravel()
@@ -108,13 +111,14 @@ class _Fit:
                 self._cost, self.q, self._drawn, self._misfit = cost, q, drawn, scale
                 self._covariance = scale**2 * np.linalg.inv(normal) * np.outer(steps, steps)
             step = np.linalg.solve(normal, jacobian.T @ (weight * left))
-            step *= min(1.0, FAR / max(float(np.abs(step).max()), 1e-9))
-            if np.abs(step).max() < CLOSE:
+            length = float(np.abs(step).max())
+            step *= min(1.0, FAR / max(length, 1e-9))
+            if length < CLOSE:
                 if cost == self._cost:
                     self.q = q + steps * step  # too short to be worth another look
-                return True
+                break
             q = q + steps * step
-        return False
+        return length
 
 
 def robust_weights(left: Array, scale: float) -> Array:

@@ -41,6 +41,8 @@ class Positions:
         parameters: of the look.
         values: `[p]` of them.
         value_deviation: `[p]` their standard deviations.
+        camera: that looked.
+        size: of the images that were aligned, (H, W).
     """
 
     recordings: tuple[Recording, ...]
@@ -49,6 +51,8 @@ class Positions:
     parameters: tuple[LookParameter, ...]
     values: Array
     value_deviation: Array
+    camera: str
+    size: tuple[int, int]
 
     @property
     def trusted(self) -> float:
@@ -93,7 +97,7 @@ def read_positions(
         for poses in each(job, jobs, min(workers, len(jobs))):
             followed.append(poses)
             advance(len(poses))
-    return _positions(recordings, model, films, followed, look, parameters)
+    return _positions(recordings, model, films, followed, look, parameters, name)
 
 
 def _follow(
@@ -140,6 +144,7 @@ def _positions(
     followed: Sequence[Sequence[Pose]],
     look: Look,
     parameters: tuple[LookParameter, ...],
+    camera: str,
 ) -> Positions:
     """As recordings of joint positions."""
     explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
@@ -150,9 +155,7 @@ def _positions(
         own = {key: unit for key, unit in recording.units.items() if key != "qvel"}
         names = tuple(model.joint(j).name for j in range(model.njnt))
         out.append(
-            replace(
-                recording, joint_names=names, t_state=times, qpos=q, qvel=None, units={**own, "qpos": units}
-            )
+            replace(recording, joint_names=names, t_state=times, qpos=q, qvel=None, units={**own, "qpos": units})
         )
     deviation = tuple(np.sqrt([np.diag(pose.covariance) for pose in poses]) for poses in followed)
-    return Positions(tuple(out), deviation, explained, parameters, look.values, look.deviation)
+    return Positions(tuple(out), deviation, explained, parameters, look.values, look.deviation, camera, films.size)

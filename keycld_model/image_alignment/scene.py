@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from keycld_envs.projection import world_to_image
 from keycld_envs.rendering import Quality, Renderer
 from keycld_model.image_alignment.look import CAMERA, lengthen, look_parameters, view_of
 
@@ -23,7 +24,7 @@ BLUR_STEP = 0.1
 
 def softened(image: Image, blur: float) -> Image:
     """An image `[H, W, 3]` blurred by a Gaussian of so many pixels."""
-    return gaussian_filter(image, (blur, blur, 0)) if blur > SHARP else image
+    return np.asarray(gaussian_filter(image, (blur, blur, 0)), np.float32) if blur > SHARP else image
 
 
 class Scene:
@@ -129,8 +130,6 @@ class Scene:
 
     def _points(self, q: Array, values: Array) -> Array:
         """Pixels `[G, 2]` of the ends of all geoms that move."""
-        from keycld_envs.projection import world_to_image
-
         self._place(q, values)
         model, data = self._drawn, self._data
         moving = np.flatnonzero(model.body_weldid[model.geom_bodyid] > 0)

@@ -126,7 +126,7 @@ class Studio:
 def lengthen(model: mujoco.MjModel, errors: ParameterErrors) -> None:
     """Let links look as long as they are: the plant's lengths, and what is drawn of them."""
     errors.apply(model)
-    tubes = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
+    tubes = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
     for name, factor in errors.length.items():
         for geom in range(model.ngeom):
             if model.body_weldid[model.geom_bodyid[geom]] == model.body(name).id:

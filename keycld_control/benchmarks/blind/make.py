@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from keycld_control.benchmarks.blind.case import HELD_OUT, SECONDS, TRAINING, SealedCase, Signals, draw_case, recording
+from keycld_control.benchmarks.blind.film import Studio
 from keycld_control.benchmarks.blind.grade import gains, grade
 from keycld_control.benchmarks.blind.mechanisms.forces import Pushes
 from keycld_control.benchmarks.blind.plan import Plan, mix, plan

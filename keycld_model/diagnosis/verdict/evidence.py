@@ -58,6 +58,24 @@ class Residuals:
 
 
 @dataclass(frozen=True)
+class Picture:
+    """A frame of a held-out recording, and where simulators have the links.
+
+    Attributes:
+        recording: its id.
+        time: s.
+        frame: `[H, W, 3]`.
+        links: `[3, L, 2, 2]` columns and rows of both ends of every link, pixels, NaN where not known: as seen, of the
+            refitted simulator, and of the corrected one.
+    """
+
+    recording: str
+    time: float
+    frame: NDArray[np.uint8]
+    links: Array
+
+
+@dataclass(frozen=True)
 class Evidence:
     """What the page and the corrected model are made of.
 
@@ -84,6 +102,7 @@ class Evidence:
     residuals: tuple[Residuals, ...]
     shape: Shape | None = None
     of_sensors: bool = True
+    pictures: tuple[Picture, ...] = ()
 
     @cached_property
     def corrected(self) -> mujoco.MjModel:

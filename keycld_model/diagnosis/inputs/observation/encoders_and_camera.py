@@ -51,7 +51,8 @@ class EncodersAndCamera:
 
     def check(self, recording: Recording) -> None:
         """Both halves, as if each were a recording of its own."""
-        for observation, part in zip((self._encoders, self._camera), (slice(self._joints), slice(self._joints, None))):
+        halves = (self._encoders, slice(self._joints)), (self._camera, slice(self._joints, None))
+        for observation, part in halves:
             own = None if recording.qpos is None else np.asarray(recording.qpos)[:, part]
             names = tuple(name.removesuffix(SEEN) for name in recording.joint_names[part])
             units = recording.units.get("qpos", "")

@@ -67,17 +67,21 @@ class Skeleton:
         return mujoco.MjData(self.model)
 
     def at(self, q: Array) -> Array:
-        """Points `[..., nodes, 2]` at positions `[..., nq]`, m; NaN where a position is."""
+        """Points `[..., nodes, 2]` of the plane at positions `[..., nq]`, m; NaN where a position is."""
+        return self.in_space(q) @ self.axes.T
+
+    def in_space(self, q: Array) -> Array:
+        """Points `[..., nodes, 3]` of the world at positions `[..., nq]`, m; NaN where a position is."""
         flat = np.asarray(q, dtype=np.float64).reshape(-1, self.model.nq)
-        out = np.full((len(flat), len(self.nodes), 2), np.nan)
+        out = np.full((len(flat), len(self.nodes), 3), np.nan)
         bodies, local = [n.body for n in self.nodes], np.array([n.local for n in self.nodes])
         for row, position in enumerate(flat):
             if np.isfinite(position).all():
                 self._data.qpos[:] = position
                 mujoco.mj_kinematics(self.model, self._data)
                 turned = np.einsum("kij,kj->ki", self._data.xmat[bodies].reshape(-1, 3, 3), local)
-                out[row] = (self._data.xpos[bodies] + turned) @ self.axes.T
-        return out.reshape(*np.shape(q)[:-1], len(self.nodes), 2)
+                out[row] = self._data.xpos[bodies] + turned
+        return out.reshape(*np.shape(q)[:-1], len(self.nodes), 3)
 
     def direction(self, joint: int, q: Array) -> Array:
         """`[2]` of a slide's axis at positions `[nq]`."""

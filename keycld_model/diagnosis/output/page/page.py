@@ -20,6 +20,7 @@ from keycld_model.diagnosis.output.page.labels import Mark
 from keycld_model.diagnosis.output.page.mathml import mathml
 from keycld_model.diagnosis.output.page.plot_data import Json, plot_data
 from keycld_model.diagnosis.output.page.sections import cards, code, details, held_out_errors, minus, nuisances
+from keycld_model.diagnosis.output.page.strip import strip
 from keycld_model.diagnosis.output.words import effect_name, error, experiment, measured, spelled_out
 from keycld_model.diagnosis.verdict.evidence import Evidence
 from keycld_model.diagnosis.verdict.report import Report
@@ -58,6 +59,9 @@ def html_page(report: Report, environment: str | None = None, corrected: str | N
             report=report,
             verdict=(CHANGED if report.baseline else VERDICTS)[report.verdict],
             drawing=markup(_drawing(report, evidence)),
+            strip=[(caption, markup(tile)) for caption, tile in strip(evidence.pictures)],
+            evidence_recording=evidence.pictures[0].recording if evidence.pictures else "",
+            images=report.details.get("images"),
             errors=held_out_errors(report, evidence),
             cards=cards(report),
             nuisances=nuisances(report),

@@ -1,0 +1,62 @@
+"""Frames of what a camera saw, with the links as they were read off and as simulators have them."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.projection import world_to_image
+from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.output.page.geometry import Skeleton, skeleton
+from keycld_model.diagnosis.verdict.evidence import Picture, Rollout
+from keycld_model.image_alignment import Positions
+from keycld_model.image_alignment.films import reduced
+from keycld_model.image_alignment.look import as_seen, pixels_of
+
+Array = NDArray[np.float64]
+NUMBER = 8
+"""Frames that are shown."""
+
+
+def pictures(
+    rollouts: Sequence[Rollout], recordings: Sequence[Recording], positions: Positions, model: mujoco.MjModel
+) -> tuple[Picture, ...]:
+    """Frames of the recording in which the refitted simulator is farthest off, or of the first one.
+
+    Args:
+        rollouts: of recordings held out; none if nothing was tested.
+        recordings: all, with frames.
+        positions: that were read off them.
+        model: the simulator.
+    """
+    frame_of = {recording.id: recording for recording in recordings}
+    if rollouts:
+        chosen = max(rollouts, key=lambda r: float(np.nanmax(np.abs(r.poses[1] - r.poses[0]), initial=0.0)))
+        times, poses = chosen.time, chosen.poses
+        name = chosen.recording.split(" (")[0]
+    else:
+        read = positions.recordings[0]
+        name, times = read.id, np.asarray(read.t_state)
+        poses = np.full((3, len(times), model.nq), np.nan)
+        poses[0] = np.asarray(read.qpos)
+    recording = frame_of[name]
+    wanted = {int(k) for k in np.linspace(0, len(times) - 1, NUMBER).round()}
+    clock = np.asarray(recording.t_frame)
+    index = {int(np.abs(clock - times[k]).argmin()): k for k in sorted(wanted)}
+    drawn = skeleton(as_seen(model, positions.parameters, positions.values))
+    return tuple(
+        Picture(name, float(times[index[n]]), reduced(frame), _links(drawn, poses[:, index[n]], positions))
+        for n, frame in enumerate(recording.iter_frames())
+        if n in index
+    )
+
+
+def _links(drawn: Skeleton, q: Array, positions: Positions) -> Array:
+    """Both ends of every link `[3, L, 2, 2]` in pixels, at positions `[3, nq]`."""
+    data = mujoco.MjData(drawn.model)
+    mujoco.mj_forward(drawn.model, data)
+    height, width = positions.size
+    seen = world_to_image(drawn.model, data, drawn.in_space(q), positions.camera, width, height)
+    ends = pixels_of(seen, positions.values, positions.size)
+    return np.stack([ends[:, [link.start, link.end]] for link in drawn.links], axis=1)

@@ -1,0 +1,56 @@
+"""Films of swinging mechanisms with a camera that is not quite the simulator's."""
+
+import copy
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.recordings import Recording
+from keycld_envs.rendering import Renderer, View
+from keycld_envs.systems import get_system
+
+DT = 0.02
+
+
+def film(
+    system: str,
+    runs: int = 2,
+    frames: int = 30,
+    view: View | None = None,
+    develop: Callable[[NDArray[np.uint8]], NDArray[np.uint8]] = lambda image: image,
+    change: Callable[[mujoco.MjModel], None] = lambda model: None,
+    size: tuple[int, int] = (64, 64),
+    seed: int = 0,
+) -> tuple[list[Recording], list[NDArray[np.float64]]]:
+    """Recordings with frames alone, released from rest, and the true positions."""
+    declared, rng = get_system(system), np.random.default_rng(seed)
+    model = declared.compile()
+    change(model)
+    data, renderer = mujoco.MjData(model), Renderer(copy.copy(model), size[1], size[0], "fast")
+    recordings, truth = [], []
+    for run in range(runs):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = [rng.uniform(*joint.start_range) for joint in declared.joints]
+        images, positions = [], []
+        for _ in range(frames):
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_camlight(model, data)
+            images.append(develop(renderer.render(data, declared.camera, view)))
+            positions.append(data.qpos.copy())
+            for _ in range(round(DT / model.opt.timestep)):
+                mujoco.mj_step(model, data)
+        truth.append(np.array(positions))
+        recordings.append(
+            Recording(
+                id=f"{run}",
+                source="simulation",
+                t_frame=DT * np.arange(frames),
+                frames=np.stack(images),
+                camera={"name": declared.camera, "width": size[1], "height": size[0]},
+                render_quality="fast",
+            )
+        )
+    renderer.close()
+    return recordings, truth

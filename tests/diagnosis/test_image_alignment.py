@@ -1,0 +1,120 @@
+"""Joint positions read off frames by drawing the simulator."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from films import film
+
+from keycld_control.cli import main
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import write_recording
+from keycld_envs.rendering import View
+from keycld_envs.systems import get_system
+from keycld_model.diagnosis import diagnose_images
+from keycld_model.image_alignment import read_positions
+from keycld_model.image_alignment.films import LARGEST, reduced
+from keycld_model.image_alignment.light import Light
+from keycld_model.image_alignment.look import lengthen
+
+PIXELS_PER_METRE = {"pendulum": 30.9, "acrobot": 12.9}
+"""Of the nominal cameras, frames of 64 pixels."""
+
+
+def errors(positions, truth, turn):
+    """Difference to the truth, whole turns apart, `[T, nq]` per recording."""
+    out = []
+    for recording, q in zip(positions.recordings, truth, strict=True):
+        e = np.asarray(recording.qpos) - q
+        out.append(e - turn * np.round(np.nanmedian(e, axis=0) / turn))
+    return np.concatenate(out)
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_positions_are_those_of_the_simulation_whatever_the_camera_does():
+    def develop(image):
+        noisy = 0.7 * image.astype(float) + 12 + np.random.default_rng(int(image.sum())).normal(0, 3, image.shape)
+        return np.clip(noisy, 0, 255).round().astype(np.uint8)
+
+    view = View(right=2.1, up=-1.3, zoom=1.05, aspect=0.98, roll=0.04)
+    model = get_system("pendulum").compile()
+    runs, truth = film("pendulum", view=view, develop=develop, change=lambda m: lengthen(m, 1, 0.9))
+    positions = read_positions(runs, model, workers=1)
+    values = dict(zip([p.name for p in positions.parameters], positions.values, strict=True))
+    assert values["right"] == pytest.approx(2.1, abs=0.05)
+    assert values["up"] == pytest.approx(-1.3, abs=0.05)
+    assert np.exp(values["zoom"]) == pytest.approx(1.05, abs=0.003)
+    assert np.exp(values["aspect"]) == pytest.approx(0.98, abs=0.006)
+    assert values["roll"] == pytest.approx(0.04, abs=0.002)
+    assert np.exp(values["visible length of pole"]) == pytest.approx(0.9, abs=0.01)
+    seen = 0.5 * 0.9 * 1.05 * PIXELS_PER_METRE["pendulum"] * errors(positions, truth, 2 * np.pi)  # px at the tip
+    assert abs(np.mean(seen)) < 0.05
+    assert np.std(seen) < 0.05
+    assert positions.trusted == 1.0
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_two_links_are_read_in_workers_as_in_one_process():
+    model = get_system("acrobot").compile()
+    runs, truth = film("acrobot", frames=12)
+    one, two = (read_positions(runs, model, workers=n) for n in (1, 2))
+    assert all(np.array_equal(a.qpos, b.qpos) for a, b in zip(one.recordings, two.recordings, strict=True))
+    seen = PIXELS_PER_METRE["acrobot"] * errors(one, truth, 2 * np.pi)
+    assert np.abs(seen.mean(axis=0)).max() < 0.05
+    assert seen.std(axis=0).max() < 0.06
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_of_another_scene_no_physics_is_named():
+    runs, _ = film("cartpole", frames=40)
+    model = get_system("pendulum").compile()
+    runs = [replace(run, camera={**run.camera, "name": "fixed"}) for run in runs]
+    report = diagnose_images(runs, model, camera=get_system("pendulum").camera, workers=1)
+    assert report.verdict == "undetermined"
+    assert not report.findings
+    assert "nothing is said of physics" in report.headline
+
+
+def test_light_is_a_factor_and_an_offset_that_strangers_do_not_change():
+    rng = np.random.default_rng(0)
+    drawn = rng.uniform(20, 200, (64, 64, 3)).astype(np.float32)
+    shown = drawn * [0.8, 0.9, 1.1] + [5, 10, -5]
+    shown[:12] = 128  # somebody walks by
+    light = Light.of(drawn, shown.astype(np.float32))
+    assert light.gain == pytest.approx([0.8, 0.9, 1.1], abs=0.01)
+    assert light.offset == pytest.approx([5, 10, -5], abs=1)
+
+
+def test_large_frames_are_reduced_by_means():
+    frame = np.zeros((200, 300, 3), np.uint8)
+    frame[:, 150:] = 200
+    small = reduced(frame)
+    assert max(small.shape) <= LARGEST
+    assert small.mean() == pytest.approx(100, abs=1)
+    assert reduced(small) is small
+
+
+@pytest.mark.render
+def test_mistakes_get_one_sentence(tmp_path, capsys):
+    model = get_system("pendulum").compile()
+    (run, other), _ = film("pendulum", frames=3)
+    states = {"t_state": run.t_frame, "qpos": np.zeros((3, 1)), "joint_names": ("hinge",), "units": {"qpos": "rad"}}
+    bare = replace(run, frames=None, t_frame=None, **states)
+    with pytest.raises(InputError, match="has 0 frames"):
+        read_positions([bare], model)
+    small = replace(other, frames=other.frames[:, :32])
+    with pytest.raises(InputError, match=r"frames of 64×32 pixels, but '0' of 64×64"):
+        read_positions([run, small], model)
+    with pytest.raises(InputError, match="no camera 'front'"):
+        read_positions([run], model, "front")
+    nameless = replace(run, camera=None)
+    with pytest.raises(InputError, match="say which one looked"):
+        read_positions([nameless], model)
+    write_recording(tmp_path / "data" / "0", run)
+    command = ["diagnose", str(tmp_path / "data"), "--env", "KeyCLD/Pendulum-v0"]
+    for wrong in (["--camera", "fixed"], ["--observe", "pixels", "--tracked"], ["--observe", "both"]):
+        assert main([*command, *wrong]) == 2
+        assert capsys.readouterr().err.count("\n") == 1
