@@ -92,4 +92,5 @@ def lengthen(model: mujoco.MjModel, body: int, factor: float) -> None:
     model.body_pos[np.isin(model.body_parentid, own) & (np.arange(model.nbody) > 0)] *= factor
     geoms = np.isin(model.geom_bodyid, own)
     model.geom_pos[geoms] *= factor
+    model.geom_sameframe[geoms] = 0  # else MuJoCo puts a geom where the body's centre of mass is
     model.geom_size[geoms & np.isin(model.geom_type, CAPSULES), 1] *= factor
