@@ -37,7 +37,8 @@ def fit_baseline(motions: Motions, friction: tuple[str, ...] = ()) -> JointModel
         p = fit_least_squares(config, q, v, a, tau, np.array(weights))
         std = motions.all("v_std"), motions.all("a_std")
         if std[1].any():
-            p = fit_least_squares(config, q, v, a, tau, torque_weights(JointDynamics(config), p, (q, v, a, tau), std))
+            weights = weights * torque_weights(JointDynamics(config), p, (q, v, a, tau), std)
+            p = fit_least_squares(config, q, v, a, tau, weights)
     return JointModel(config, p)
 
 

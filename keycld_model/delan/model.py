@@ -158,6 +158,11 @@ class JointModel:
         return positions, velocities
 
     @property
+    def conserves(self) -> bool:
+        """Whether it has energies, which only motors and friction change: all but feed-forward networks."""
+        return self._dynamics.equations.conserves
+
+    @property
     def effects(self) -> tuple[Effect, ...]:
         """The learned friction as effects at the joints, for simulators and the diagnosis."""
         return effects(self.config, self.parameters["friction"])
@@ -247,5 +252,5 @@ class JointModel:
         return np.stack(arrays)
 
     def _check_energies(self) -> None:
-        if not self._dynamics.equations.conserves:
-            raise InputError(f"A model of the family {self.config.family!r} has no energy; train another family.")
+        if not self.conserves:
+            raise InputError("A model with a feed-forward network has no energy; train another family.")
