@@ -247,9 +247,11 @@ class JointModel:
                     f"{name} has shape {list(array.shape)}; this model of {n} joint(s) needs {asked}"
                     + ("." if name == first else f", the same as {first}.")
                 )
-            if not np.isfinite(array).all():
-                raise InputError(f"{name} holds NaN or infinity; every number must be finite.")
-        return np.stack(arrays)
+        whole = np.stack(arrays)
+        if not np.isfinite(whole).all():
+            name = next(n for n, array in zip(arguments, arrays, strict=True) if not np.isfinite(array).all())
+            raise InputError(f"{name} holds NaN or infinity; every number must be finite.")
+        return whole
 
     def _check_energies(self) -> None:
         if not self.conserves:

@@ -1,5 +1,6 @@
 """The families of joint models: what their equations must satisfy whatever the weights, and what training finds."""
 
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -12,8 +13,9 @@ from keycld_envs.errors import InputError
 from keycld_model import JointModel
 from keycld_model.delan import FRICTIONS, PRESETS, JointConfig, Preset, read_motions, train
 from keycld_model.delan.baseline import fit_baseline, verdict
-from keycld_model.delan.config import FAMILIES, Family, Scales
-from keycld_model.delan.families import JointDynamics
+from keycld_model.delan.config import Family, Scales
+from keycld_model.delan.equations import Hamiltonian, Lagrangian
+from keycld_model.delan.families import FAMILIES, JointDynamics
 from keycld_model.delan.friction import effects, friction_torque
 from keycld_model.delan.measures import score
 
@@ -68,6 +70,24 @@ def test_inertias_are_symmetric_and_positive_and_parts_add_up(family: Family) ->
     assert parts.inertial == pytest.approx(model.mass_matrix(Q) @ A, rel=1e-9)
     slope = [(model.potential_energy(Q + e) - model.potential_energy(Q - e)) / 2e-5 for e in 1e-5 * np.eye(3)]
     assert parts.gravity == pytest.approx(np.array(slope), rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.parametrize(("family", "general"), [("structured", Lagrangian), ("hamiltonian", Hamiltonian)])
+@pytest.mark.parametrize("joints", [1, 2, 3, 4])
+def test_torques_in_one_pass_are_those_of_the_general_equation(
+    family: Family, general: type[Lagrangian | Hamiltonian], joints: int
+) -> None:
+    sizes, rng = tuple(0.5 + 0.3 * i for i in range(joints)), np.random.default_rng(joints)
+    kinds = ("hinge", "slide", "hinge", "hinge")[:joints]
+    config = JointConfig(tuple("abcd"[:joints]), kinds, Scales(sizes, sizes, sizes, sizes, sizes), family, 8, 2)
+    dynamics = JointDynamics(config)
+    p = jax.tree.map(lambda x: x + 0.3 * rng.standard_normal(np.shape(x)), dynamics.initial(0))
+    model, state = JointModel(config, p), rng.standard_normal((3, joints))
+    with jax.enable_x64(True):
+        equation = jax.jit(partial(general.inverse_dynamics, dynamics.equations, p["equations"]))
+        tau = np.asarray(equation(*state))
+    assert model.inverse_dynamics(*state) == pytest.approx(tau, rel=1e-11, abs=1e-12)
+    assert model.forward_dynamics(*state[:2], tau) == pytest.approx(state[2], rel=1e-9, abs=1e-10)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -83,8 +83,8 @@ def test_a_sum_is_a_base_and_a_simulator_as_any_other() -> None:
     forces = moved.forces(Q[None], V[None], A[None], 1.0, np.zeros(moved.deviations))
     assert forces[0] == pytest.approx(whole.inverse_dynamics(Q, V, A), rel=1e-12)
     with jax.enable_x64(True):
-        state = [jnp.asarray(x[:, None]) for x in (Q, V)]
-        mass, bias = moved.mass_and_bias(*state, jnp.ones(1), jnp.zeros((moved.deviations, 1)))
+        q, v = jnp.asarray(Q[:, None]), jnp.asarray(V[:, None])
+        mass, bias = moved.mass_and_bias(q, v, jnp.ones(1), jnp.zeros((moved.deviations, 1)))
     assert np.asarray(mass)[..., 0] @ A + np.asarray(bias)[:, 0] == pytest.approx(tau, rel=1e-9)
 
 
@@ -130,7 +130,7 @@ def test_a_residual_finds_the_load_that_the_base_does_not_know(
     exact, _ = loaded.rollout([1.0], [0.0], np.zeros((60, 1)), 0.02)
     unloaded, _ = base.rollout([1.0], [0.0], np.zeros((60, 1)), 0.02)
     assert np.abs(rolled - exact).max() < 0.01 < 0.02 < np.abs(unloaded - exact).max()
-    with pytest.raises(InputError, match="another residual_of"):
+    with pytest.raises(InputError, match="another"):
         train(motions, tmp_path / "more", SMALL, [VISCOUS], residual_of=scaled(base, 1.001))
     with pytest.raises(InputError, match="no residual"):
         train(motions, tmp_path / "yet_more", SMALL, residual_of=loaded)
@@ -173,7 +173,7 @@ def test_residuals_of_the_command(
         ({6: base}, "--out"),
         ({2: str(pendulum)}, "rounding"),
     ):
-        assert main([changed.get(i, word) for i, word in enumerate(words[:-1] + [str(tmp_path / "not")])]) == 2
+        assert main([changed.get(i, word) for i, word in enumerate([*words[:-1], str(tmp_path / "not")])]) == 2
         error = capsys.readouterr().err
         assert said in error and error.count("\n") == 1, error
     assert not (tmp_path / "not" / "weights.safetensors").exists()
