@@ -194,7 +194,12 @@ def _train(args: Train) -> None:
     result = train(rest, args.out, args.model, args.friction, args.seed, args.validation, base)
     learned, held_out = rest.split(args.validation, args.seed)
     judged = held_out if test is None else test
-    network, baseline = score(result.model, judged), score(fit_baseline(learned, args.friction), judged)
+    network, baseline = score(result.model, judged), None
+    try:
+        baseline = score(fit_baseline(learned, args.friction), judged)
+        said = verdict(network, baseline)
+    except InputError as error:  # too few samples for it, which a network and its prior need not mind
+        said = f"There is no least-squares baseline: {error}"
     summary: dict[str, Any] = {
         "checkpoint": result.folder,
         "model": args.model,
@@ -204,8 +209,8 @@ def _train(args: Train) -> None:
         "validation_error": result.validation_error,
         "friction": {f"{e.id} at {e.where}": _numbers(e) for e in result.model.effects},
         "scores": asdict(network),
-        "least_squares": asdict(baseline),
-        "verdict": verdict(network, baseline),
+        "least_squares": None if baseline is None else asdict(baseline),
+        "verdict": said,
     } | ({} if base is None else {"residual_of": args.residual_of, "base": asdict(score(base, judged))})
     _print(summary, args.json)
 

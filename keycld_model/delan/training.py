@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from keycld_envs.errors import InputError
 from keycld_envs.files import one_writer
 from keycld_envs.progress import Advance, progress
-from keycld_model.checkpoint import check_same_run, read_checkpoint, write_checkpoint
+from keycld_model.checkpoint import WEIGHTS, check_same_run, read_checkpoint, write_checkpoint
 from keycld_model.delan.config import JointConfig
 from keycld_model.delan.families import JointDynamics
 from keycld_model.delan.levenberg_marquardt import LeastSquaresProblem, Point, step
@@ -205,6 +205,8 @@ class _Run:
 
     def _resume(self, first: Floats) -> _State:
         if not (self.folder / STATE).exists():
+            if (self.folder / WEIGHTS).exists():
+                raise InputError(f"{self.folder} holds a model that no run left there; choose another --out.")
             (self.folder / log.NAME).unlink(missing_ok=True)
             return _State(Point(first), first, first)
         tensors, meta = read_checkpoint(self.folder / STATE)
