@@ -84,9 +84,10 @@ def test_torques_in_one_pass_are_those_of_the_general_equation(family: Family, g
     model, state = JointModel(config, p), rng.standard_normal((3, joints))
     with jax.enable_x64(True):
         equation = jax.jit(partial(general.inverse_dynamics, dynamics.equations, p["equations"]))
-        tau = np.asarray(equation(*state))
-    assert model.inverse_dynamics(*state) == pytest.approx(tau, rel=1e-11, abs=1e-12)
-    assert model.forward_dynamics(*state[:2], tau) == pytest.approx(state[2], rel=1e-9, abs=1e-10)
+        q, v, a = state
+        tau = np.asarray(equation(q, v, a))
+    assert model.inverse_dynamics(q, v, a) == pytest.approx(tau, rel=1e-11, abs=1e-12)
+    assert model.forward_dynamics(q, v, tau) == pytest.approx(a, rel=1e-9, abs=1e-10)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

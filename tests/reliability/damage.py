@@ -223,9 +223,10 @@ def _read_state(folder: Path) -> Any:
 
 
 def _joint_archive(folder: Path) -> Path:
-    rng, path = np.random.default_rng(3), folder / "letters.npz"
-    signals: dict[str, Any] = {name: rng.normal(size=(40, 2)) for name in ("qp", "qv", "qa", "tau")}
-    np.savez(path, t=0.02 * np.arange(40), labels=np.array(["a", "b"]), lengths=np.array([20, 20]), **signals)
+    path, t = folder / "letters.npz", 0.02 * np.arange(40)
+    q, v = (np.stack([f(3 * t), f(2 * t)], axis=1) for f in (np.sin, np.cos))
+    signals: dict[str, Any] = {"qp": q, "qv": v * [3.0, 2.0], "qa": -q * [9.0, 4.0], "tau": q + v}
+    np.savez(path, t=t, labels=np.array(["a", "b"]), lengths=np.array([20, 20]), **signals)
     return path
 
 
