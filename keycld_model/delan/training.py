@@ -31,12 +31,12 @@ from keycld_model.training import log
 STATE = "state"
 SAVE_EVERY = 10.0
 """Seconds between checkpoints of a running training."""
+VALIDATION = 0.15
+"""Share of the motions that say when to stop."""
 BETTER = 0.99
 """Share of the best validation error below which another is better."""
 ENOUGH = 1e-12
 """Validation error, as a share of the torques' variance, at which nothing is left to learn in practice."""
-VALIDATION = 0.15
-"""Share of the motions that say when to stop."""
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,11 @@ from keycld_model import JointModel
 from keycld_model.delan import FRICTIONS, PRESETS, JointConfig, Preset, read_motions, train
 from keycld_model.delan.baseline import fit_baseline, verdict
 from keycld_model.delan.config import Family, Scales
+from keycld_model.delan.correction import scaled
 from keycld_model.delan.equations import Hamiltonian, Lagrangian
 from keycld_model.delan.families import FAMILIES, JointDynamics
 from keycld_model.delan.friction import effects, friction_torque
+from keycld_model.delan.least_squares import CUTOFFS, chosen_cutoff
 from keycld_model.delan.measures import score
 
 SMALL = Preset("structured", "for tests", width=8, iterations=25)
@@ -210,3 +212,27 @@ def test_rollouts_follow_a_pendulum(pendulum: Path) -> None:
         x[0] += h * x[1]
     assert (q.shape, v.shape) == ((60, 1), (60, 1))
     assert [q[-1, 0], v[-1, 0]] == pytest.approx(x, abs=1e-3)
+
+
+def test_combinations_that_are_told_too_badly_are_left_out_and_no_others() -> None:
+    rng, true = np.random.default_rng(0), np.array([1.0, -2.0, 0.5])
+    good = rng.standard_normal((200, 1, 3))
+    alike = np.concatenate([good, good[..., :1] + 1e-5 * rng.standard_normal((200, 1, 1))], axis=2)
+    tau, folds, one = good @ true, np.arange(200) // 20 % 5, np.ones(1)
+    assert chosen_cutoff(good, tau, one, folds) == CUTOFFS[0]
+    assert chosen_cutoff(alike, tau, one, folds) == CUTOFFS[0]  # told exactly
+    noisy = tau + np.repeat(rng.standard_normal((10, 1)), 20, axis=0)
+    assert chosen_cutoff(good, noisy, one, folds) == CUTOFFS[0]
+    few = slice(0, 200, 40)  # five samples of four coefficients
+    cutoff = chosen_cutoff(alike[few], noisy[few], one, np.arange(5))
+    assert cutoff > 1e-5
+
+
+def test_inertias_that_are_not_positive_are_counted_and_said(pendulum: Path) -> None:
+    motions = read_motions(pendulum)
+    model = fit_baseline(motions, ("viscous_friction", "coulomb_friction"))
+    found = score(model, motions)
+    assert found.indefinite == 0.0
+    wrong = score(scaled(model, -1.0), motions)
+    assert wrong.indefinite == 1.0
+    assert "not positive at 100%" in verdict(found, wrong) and "not positive" not in verdict(wrong, found)

@@ -19,11 +19,11 @@ def write_data(folder: Path) -> None:
     """Twenty letters, drawn by two joints that know nothing of each other, and a pendulum's logs at 500 Hz."""
     names = "abcdefghijklmnopqrtv"
     q, v, a = _waves(0.04 * np.arange(24 * len(names)), 2)
-    tau = np.array([0.5, 0.3]) * a + np.array([2.0, 1.0]) * np.sin(q)
+    truth = {"m": np.array([0.5, 0.3]) * a, "c": 0 * v, "g": np.array([2.0, 1.0]) * np.sin(q)}
     parts = {"labels": np.array(list(names)), "lengths": np.full(len(names), 24)}
     clock = np.tile(0.04 * np.arange(24), len(names))
     folder.mkdir(parents=True, exist_ok=True)
-    np.savez(folder / "letters.npz", t=clock, qp=q, qv=v, qa=a, tau=tau, **parts)
+    np.savez(folder / "letters.npz", t=clock, qp=q, qv=v, qa=a, tau=truth["m"] + truth["g"], **truth, **parts)
     logs = all_logs()["simple pendulum"]
     for i, file in enumerate((*logs.training, *logs.held_out)):
         t = 0.002 * np.arange(2000) + 10 * i
