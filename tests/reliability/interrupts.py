@@ -39,7 +39,7 @@ def commands(shared: Path) -> dict[str, tuple[list[str], float]]:
         "train": (keycld("train", "pendulum", "--data", data, "--out", "{out}/run"), 20.0),
         "collect": (keycld("collect", "pendulum", "--out", "{out}/data", "--episodes", 2000, *workers), 8.0),
         "diagnose": (keycld("diagnose", runs, "--env", "pendulum", "--out", "{out}/report"), 12.0),
-        "delan": ([sys.executable, str(HERE / "small_delan.py"), "train", letters, "--out", "{out}/arm"], 8.0),
+        "delan": (keycld("delan", "train", letters, "--out", "{out}/arm"), 12.0),
         "blind make": (keycld("blind", "make", "{out}/blind", "--cases", 50, *workers), 10.0),
     }
 
