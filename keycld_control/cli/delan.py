@@ -51,6 +51,8 @@ class Train:
         test: Names of motions that are held out for the figures at the end, parted by commas, for instance e,q,v; by
             default, the figures are of those that say when to stop.
         validation: Share of the other motions that says when to stop.
+        residual_of: Joint model that stays as it is, a folder that this command wrote: what it leaves in the torques is
+            learned, and added to it.
         seed: Seed of initialisation and division.
         log: How to read the data.
         json: Print one JSON object.
@@ -62,6 +64,7 @@ class Train:
     friction: UseAppendAction[tuple[str, ...]] = ()
     test: str = ""
     validation: float = 0.15
+    residual_of: Path | None = None
     seed: int = 0
     log: Log = Log()
     json: bool = False
@@ -178,16 +181,25 @@ def run(args: Args) -> None:
 
 
 def _train(args: Train) -> None:
-    from keycld_model.delan import train
+    from keycld_envs.errors import InputError
+    from keycld_model.delan import JointModel, train
     from keycld_model.delan.baseline import fit_baseline, verdict
     from keycld_model.delan.measures import score
 
+    if args.residual_of is not None and args.residual_of.resolve() == args.out.resolve():
+        raise InputError(f"--out is {args.out}, which holds the base of the residual; name another folder.")
+    base = None if args.residual_of is None else JointModel.load(args.residual_of)
     motions = _read(args.data, args.log)
     rest, test = motions.hold_out(_names(args.test)) if args.test else (motions, None)
-    result = train(rest, args.out, args.model, args.friction, args.seed, args.validation)
+    result = train(rest, args.out, args.model, args.friction, args.seed, args.validation, base)
     learned, held_out = rest.split(args.validation, args.seed)
     judged = held_out if test is None else test
-    network, baseline = score(result.model, judged), score(fit_baseline(learned, args.friction), judged)
+    network, baseline = score(result.model, judged), None
+    try:
+        baseline = score(fit_baseline(learned, args.friction), judged)
+        said = verdict(network, baseline)
+    except InputError as error:  # too few samples for it, which a network and its prior need not mind
+        said = f"There is no least-squares baseline: {error}"
     summary: dict[str, Any] = {
         "checkpoint": result.folder,
         "model": args.model,
@@ -197,9 +209,9 @@ def _train(args: Train) -> None:
         "validation_error": result.validation_error,
         "friction": {f"{e.id} at {e.where}": _numbers(e) for e in result.model.effects},
         "scores": asdict(network),
-        "least_squares": asdict(baseline),
-        "verdict": verdict(network, baseline),
-    }
+        "least_squares": None if baseline is None else asdict(baseline),
+        "verdict": said,
+    } | ({} if base is None else {"residual_of": args.residual_of, "base": asdict(score(base, judged))})
     _print(summary, args.json)
 
 
@@ -292,9 +304,11 @@ def _print(summary: dict[str, Any], as_json: bool) -> None:
         print_result(summary, as_json=True)
         return
     scores = summary.pop("scores")
-    others = summary.pop("least_squares", None)
+    others = {"base": summary.pop("base", None), "least squares": summary.pop("least_squares", None)}
+    others = {who: found for who, found in others.items() if found is not None}
     for name, value in scores.items():
-        summary[name] = value if others is None else {"network": value, "least squares": others[name]}
+        beside = {who: found[name] for who, found in others.items()}
+        summary[name] = {"network": value, **beside} if beside else value
     if "verdict" in summary:
         summary["verdict"] = summary.pop("verdict")
     print_result(summary, as_json=False)

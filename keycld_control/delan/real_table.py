@@ -12,6 +12,7 @@ from keycld_control.paper.tables import Table
 from keycld_envs.files import atomic_file
 
 Result = Mapping[str, Any]
+INDEFINITE = "indefinite"
 Group = tuple[str, float, float]
 """Rig, share of the training recordings, and band."""
 
@@ -41,7 +42,7 @@ def errors(results: Sequence[Result], group: Group, model: str, measure: str = "
     own = [r for r in own if r["torque_share"] is not None]  # the data suited the model
     if measure == "torque":
         return [r["torque_share"] for r in own]
-    medians = [r["rollouts"]["median"] for r in own]
+    medians = [r["rollouts"]["median"] if r["rollouts"] else None for r in own]
     return [float("inf") if median is None else median for median in medians]
 
 
@@ -68,9 +69,10 @@ def real_table(results: Sequence[Result]) -> Table:
         best, cells = best_of.get(group, {}), []
         for model in models:
             torque, rollout = (errors(results, group, model, measure) for measure in ("torque", "rollout"))
+            followed = INDEFINITE if _indefinite(results, group, model) else _mean(rollout, "{:.0f}")
             texts = [
                 f"**{text}**" if best.get(measure) == model else text
-                for measure, text in (("torque", _mean(torque, "{:.3f}")), ("rollout", _mean(rollout, "{:.0f}")))
+                for measure, text in (("torque", _mean(torque, "{:.3f}")), ("rollout", followed))
             ]
             cells.append(", ".join(texts))
         rows.append((group[0], f"{group[1]:.0%}", f"{group[2]:g} Hz", *cells))
@@ -78,10 +80,17 @@ def real_table(results: Sequence[Result]) -> Table:
         "Joint models on held-out real recordings",
         "Squared error of torques over their variance, mean of the joints; then the median over rollouts of "
         f"{SECONDS:g} s of the root mean square error of positions, 1e-3 rad. Means over seeds. The share is of each "
-        "training recording, from its start.",
+        f"training recording, from its start. {INDEFINITE.capitalize()}: inertias that are not positive at most of the "
+        "held-out samples, so that no rollout means anything.",
         ("rig", "training data", "band", *(MODELS[m] for m in models)),
         tuple(rows),
     )
+
+
+def _indefinite(results: Sequence[Result], group: Group, model: str) -> bool:
+    """Whether a model of some seed has inertias of which no rollout means anything."""
+    own = [r for r in results if (r["rig"], r["share"], r["band"]) == group and r["model"] == model]
+    return any(r["torque_share"] is not None and r["rollouts"] is None for r in own)
 
 
 def _mean(values: Sequence[float], form: str) -> str:

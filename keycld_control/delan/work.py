@@ -19,6 +19,8 @@ from keycld_model.delan import Motions, read_motions
 from keycld_model.delan.measures import score
 
 SCHEMA = "keycld.delan/1"
+PARTS = {"m": "inertial", "c": "coriolis", "g": "gravity"}
+"""Of the torques, by their names in the file."""
 KEPT = ("t", "qp", "tau", "labels", "lengths")
 """Arrays of the characters that stay where positions are noisy."""
 
@@ -63,9 +65,11 @@ def characters(data: Path) -> tuple[Motions, Motions]:
     """Those to learn from, and those of the test.
 
     Raises:
-        InputError: if the file has others.
+        InputError: if the file has others, or no true parts of the torques.
     """
     rest, test = read_motions(data).hold_out(TEST)
+    if missing := [key for key, part in PARTS.items() if test.truth(part) is None]:
+        raise InputError(f"{data} has no {missing[0]}, a true part of the torques; name the characters of the papers.")
     if len(rest) < ALL:
         raise InputError(f"{data} has {len(rest)} characters beside {', '.join(TEST)}; the experiment has {ALL}.")
     return rest, test

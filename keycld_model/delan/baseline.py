@@ -2,16 +2,19 @@
 
 import jax
 import numpy as np
+from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_model.delan.config import FRICTIONS, JointConfig
 from keycld_model.delan.families import JointDynamics
-from keycld_model.delan.least_squares import fit_least_squares
+from keycld_model.delan.least_squares import chosen_cutoff, fit_least_squares, regressors
 from keycld_model.delan.measures import Scores
 from keycld_model.delan.model import JointModel
-from keycld_model.delan.motions import Motions
+from keycld_model.delan.motions import CUTS, Motions
 from keycld_model.delan.weights import torque_weights
 
+FOLDS = 5
+"""Of motions, or of tenths of motions where there are fewer, in turn."""
 EXACT = 1e-12
 """Error as a share of the torques' variance below which only rounding is left."""
 BETTER = 0.9
@@ -20,6 +23,8 @@ BETTER = 0.9
 
 def fit_baseline(motions: Motions, friction: tuple[str, ...] = ()) -> JointModel:
     """Base parameters by linear least squares, with the same weights of torques as networks have.
+
+    Combinations of them that motions tell too badly stay zero; how badly is too badly is cross-validated.
 
     Args:
         motions: to learn from.
@@ -32,19 +37,33 @@ def fit_baseline(motions: Motions, friction: tuple[str, ...] = ()) -> JointModel
         raise InputError(f"friction names {unknown[0]!r}; there are {', '.join(FRICTIONS)}.")
     config = JointConfig(motions.joints, motions.kinds, motions.scales(), "least_squares", friction=friction)
     q, v, a, tau = (motions.all(name) for name in ("q", "v", "a", "tau"))
-    weights = np.broadcast_to(1 / np.array(config.scales.torque), q.shape)
+    weight = 1 / np.array(config.scales.torque)
+    weights = np.broadcast_to(weight, q.shape)
     with jax.enable_x64(True):
-        p = fit_least_squares(config, q, v, a, tau, np.array(weights))
+        rows = regressors(config, q, v, a)
+        cutoff = chosen_cutoff(rows, tau, weight, _folds(motions))
+        p = fit_least_squares(config, rows, tau, weights, cutoff)
         std = motions.all("v_std"), motions.all("a_std")
         if std[1].any():
-            p = fit_least_squares(config, q, v, a, tau, torque_weights(JointDynamics(config), p, (q, v, a, tau), std))
-    return JointModel(config, p)
+            weights = weights * torque_weights(JointDynamics(config), p, (q, v, a, tau), std)
+            p = fit_least_squares(config, rows, tau, weights, cutoff)
+    return JointModel(config, p, {"cutoff": cutoff})
+
+
+def _folds(motions: Motions) -> NDArray[np.int_]:
+    """Of each sample `[N]`: motions in turn, or, where there are fewer, tenths of them."""
+    lengths = [len(motion.t) for motion in motions.motions]
+    if len(lengths) >= FOLDS:
+        return np.repeat(np.arange(len(lengths)) % FOLDS, lengths)
+    return np.concatenate([CUTS * np.arange(length) // length % FOLDS for length in lengths])
 
 
 def verdict(network: Scores, baseline: Scores) -> str:
     """One sentence on whether a network is worth its while on these motions."""
     ours, theirs = network.torque_share, baseline.torque_share
     errors = f"errors of torques over their variance: network {ours:.2g}, least squares {theirs:.2g}"
+    if baseline.indefinite:
+        errors += f"; inertias of the latter are not positive at {baseline.indefinite:.0%} of the samples"
     if theirs < EXACT:
         return f"Least squares of base parameters is exact here, so these data need no network ({errors})."
     if theirs < BETTER * ours:

@@ -1,5 +1,6 @@
 """Black-box Lagrangian network."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -27,3 +28,7 @@ class BlackBoxLagrangian(Lagrangian):
         size = float(np.max(inertia * speed**2) + np.max(scales.torque))
         x = jnp.concatenate([encode(self.config, q), v / speed])
         return size * network(p["network"], x)[0] + 0.5 * jnp.sum(inertia * v**2)
+
+    def inertias(self, p: Parameters, q: Array, v: Array) -> Array:
+        """How torques change with accelerations, `[n, n]`."""
+        return jax.jacfwd(lambda a: self.inverse_dynamics(p, q, v, a))(jnp.zeros_like(v))

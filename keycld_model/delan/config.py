@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 from keycld_envs.checks import check_choice, check_number, check_whole
 from keycld_envs.errors import InputError
 
-Family = Literal["structured", "black_box", "hamiltonian", "feed_forward", "least_squares"]
+Family = Literal["structured", "black_box", "hamiltonian", "feed_forward", "least_squares", "sum"]
 Kind = Literal["hinge", "slide"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
 FRICTIONS = ("viscous_friction", "coulomb_friction", "stribeck_friction", "quadratic_drag")
@@ -50,6 +50,7 @@ class JointConfig:
         width: units of each hidden layer.
         depth: hidden layers.
         friction: effects at every joint, of `FRICTIONS`.
+        parts: models of the same joints, without friction, whose sum it is: of the family "sum" alone.
     """
 
     joints: tuple[str, ...]
@@ -59,6 +60,7 @@ class JointConfig:
     width: int = 24
     depth: int = 2
     friction: tuple[str, ...] = ()
+    parts: tuple["JointConfig", ...] = ()
 
     def __post_init__(self) -> None:
         check_choice("family", self.family, FAMILIES)
@@ -79,6 +81,12 @@ class JointConfig:
         sizes = {len(getattr(self.scales, f.name)) for f in fields(Scales)} | {len(self.kinds)}
         if sizes != {len(self.joints)} or not self.joints:
             raise InputError("joints, kinds and scales must be of one length, at least 1.")
+        if (self.family == "sum") != bool(self.parts):
+            raise InputError("parts belong to the family 'sum', which needs one at least.")
+        if any(part.parts or part.friction or part.kinds != self.kinds for part in self.parts):
+            raise InputError("parts must be of the same joints, and have neither friction nor parts of their own.")
+        if self.parts and all(part.family == "feed_forward" for part in self.parts):
+            raise InputError("parts are feed-forward networks alone; one of them must have equations of motion.")
 
     @property
     def n(self) -> int:
@@ -94,7 +102,9 @@ class JointConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-compatible data, the inverse of `from_dict`."""
-        return asdict(self)
+        data = asdict(self)
+        del data["parts"]
+        return data | ({"parts": [part.to_dict() for part in self.parts]} if self.parts else {})
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "JointConfig":
@@ -104,10 +114,10 @@ class JointConfig:
             InputError: if a field is missing, unknown or of another kind.
         """
         try:
-            named: dict[str, Any] = {f.name: data[f.name] for f in fields(cls)}
+            named: dict[str, Any] = {f.name: data[f.name] for f in fields(cls) if f.name != "parts"}
             scales = {f.name: tuple(float(x) for x in named["scales"][f.name]) for f in fields(Scales)}
             named |= {name: tuple(named[name]) for name in ("joints", "kinds", "friction")}
             named["scales"] = Scales(**scales)
-            return cls(**named)
-        except (LookupError, TypeError, ValueError) as error:
+            return cls(**named, parts=tuple(cls.from_dict(part) for part in data.get("parts", ())))
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
             raise InputError(f"The configuration of a joint model is damaged: {error}") from error

@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from keycld_envs.effects import Effect
-from keycld_model.delan.config import FRICTIONS
+from keycld_model.delan.config import FRICTIONS, JointConfig
 from keycld_model.delan.model import JointModel
+from keycld_model.delan.network import Parameters
+from keycld_model.delan.sum import part_name
 
 LEAST = 1e-12
 """N m and so on: what friction is where there is none, for its logarithm is stored."""
@@ -16,11 +18,18 @@ Values = dict[str, dict[str, np.ndarray]]
 
 def scaled(model: JointModel, factor: float) -> JointModel:
     """All inertias and potential energies times a factor; friction stays."""
-    if model.config.family == "least_squares":
-        coefficients = factor * np.asarray(model.parameters["equations"]["coefficients"])
-        return replace(model, parameters={**model.parameters, "equations": {"coefficients": coefficients}})
-    torque = tuple(factor * size for size in model.config.scales.torque)  # the unit of every network's energy
-    return replace(model, config=replace(model.config, scales=replace(model.config.scales, torque=torque)))
+    config, equations = _scaled(model.config, model.parameters["equations"], factor)
+    return replace(model, config=config, parameters={**model.parameters, "equations": equations})
+
+
+def _scaled(config: JointConfig, p: Parameters, factor: float) -> tuple[JointConfig, Parameters]:
+    if config.family == "least_squares":
+        return config, {"coefficients": factor * np.asarray(p["coefficients"])}
+    torque = tuple(factor * size for size in config.scales.torque)  # the unit of every network's energy
+    parts = [_scaled(part, p[part_name(i)], factor) for i, part in enumerate(config.parts)]
+    p = {part_name(i): own for i, (_, own) in enumerate(parts)} if parts else p
+    scales = replace(config.scales, torque=torque)
+    return replace(config, scales=scales, parts=tuple(part for part, _ in parts)), p
 
 
 def with_friction(model: JointModel, effects: Sequence[Effect]) -> tuple[JointModel, list[Effect]]:

@@ -4,7 +4,6 @@ All functions are of one sample; `jax.vmap` makes batches of them. Torques are w
 """
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +22,7 @@ class Equations(ABC):
         conserves: the family has energies; without friction, only torques change them.
     """
 
-    conserves: ClassVar[bool] = True
+    conserves: bool = True
 
     def __init__(self, config: JointConfig) -> None:
         self.config = config
@@ -47,6 +46,10 @@ class Equations(ABC):
         rest = jnp.zeros_like(q)
         return jax.jacfwd(lambda a: self.inverse_dynamics(p, q, rest, a))(rest)
 
+    def inertias(self, p: Parameters, q: Array, v: Array) -> Array:
+        """Inertias `[n, n]` in motion; those at rest where kinetic energy is quadratic in velocities."""
+        return self.mass_matrix(p, q)
+
     def potential_energy(self, p: Parameters, q: Array) -> Array:
         """Energy at rest, J, up to a constant."""
         raise NotImplementedError
@@ -56,8 +59,15 @@ class Equations(ABC):
         raise NotImplementedError
 
     def prediction_errors(self, p: Parameters, q: Array, v: Array, a: Array, tau: Array, friction: Array) -> Array:
-        """What training makes small: errors of the torques `[n]`, N m or N."""
-        return self.inverse_dynamics(p, q, v, a) + friction - tau
+        """What training makes small: errors of the torques `[n]`, N m or N.
+
+        Where no mechanics tie accelerations to torques, their errors `[n]` follow, in the same scale.
+        """
+        errors = self.inverse_dynamics(p, q, v, a) + friction - tau
+        if self.conserves:
+            return errors
+        scale = np.array(self.config.scales.torque) / np.array(self.config.scales.acceleration)
+        return jnp.concatenate([errors, (self.forward_dynamics(p, q, v, tau - friction) - a) * scale])
 
 
 class Lagrangian(Equations):

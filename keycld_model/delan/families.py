@@ -13,6 +13,7 @@ from keycld_model.delan.hamiltonian import StructuredHamiltonian
 from keycld_model.delan.least_squares import LeastSquares
 from keycld_model.delan.network import Parameters
 from keycld_model.delan.structured import StructuredLagrangian
+from keycld_model.delan.sum import Sum
 
 FAMILIES: dict[Family, type[Equations]] = {
     "structured": StructuredLagrangian,
@@ -23,11 +24,18 @@ FAMILIES: dict[Family, type[Equations]] = {
 }
 
 
+def equations_of(config: JointConfig) -> Equations:
+    """Equations of motion of a family, or of a sum."""
+    if config.parts:
+        return Sum(config, [equations_of(part) for part in config.parts])
+    return FAMILIES[config.family](config)
+
+
 class JointDynamics:
     """Equations of a family with friction at the joints; functions of one sample."""
 
     def __init__(self, config: JointConfig) -> None:
-        self.config, self.equations = config, FAMILIES[config.family](config)
+        self.config, self.equations = config, equations_of(config)
 
     def initial(self, seed: int) -> Parameters:
         """Parameters to begin training with."""

@@ -1,7 +1,5 @@
 """Feed-forward networks in place of mechanics."""
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -13,7 +11,7 @@ from keycld_model.delan.network import Parameters, encode, encoding_size, hidden
 class FeedForward(Equations):
     """One network for the torques, another for the accelerations; nothing ties them together."""
 
-    conserves: ClassVar[bool] = False
+    conserves = False
 
     def initial(self, rng: np.random.Generator) -> Parameters:
         """Two networks."""
@@ -32,9 +30,3 @@ class FeedForward(Equations):
         scales = self.config.scales
         x = jnp.concatenate([encode(self.config, q), v / np.array(scales.velocity), tau / np.array(scales.torque)])
         return jnp.array(scales.acceleration) * network(p["forward"], x)
-
-    def prediction_errors(self, p: Parameters, q: Array, v: Array, a: Array, tau: Array, friction: Array) -> Array:
-        """Errors of the torques `[n]`, and of the accelerations `[n]` in the same scale."""
-        torque, acceleration = np.array(self.config.scales.torque), np.array(self.config.scales.acceleration)
-        forward = (self.forward_dynamics(p, q, v, tau) - a) * torque / acceleration
-        return jnp.concatenate([super().prediction_errors(p, q, v, a, tau, friction), forward])

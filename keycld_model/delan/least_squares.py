@@ -7,6 +7,7 @@ polynomials, whatever the arm's lengths and axes, and no model of it is needed. 
 of the joints; from `LARGEST` joints on, they are those of arms whose links move in one plane: sums of angles.
 """
 
+from collections.abc import Sequence
 from itertools import combinations_with_replacement
 
 import jax
@@ -23,8 +24,11 @@ from keycld_model.delan.network import ONE_PLANE, Parameters, all_products
 from keycld_model.numerics import solve_positive_definite
 
 Floats = NDArray[np.float64]
-RANK = 1e-10
-"""Singular values below this share of the largest belong to combinations that the recordings do not move."""
+CUTOFFS = (1e-10, *(10.0 ** (k / 2) for k in range(-12, 0)))
+"""Shares of the largest singular value, below which combinations of coefficients stay zero: the least one where only
+those are left out that recordings do not move at all, more where others are known too badly (Hansen, 1987)."""
+TINY = 1e-300
+"""Beside errors, whose logarithm is taken, and singular values, by which is divided: none is zero."""
 LEAST = 1e-12
 """N m and so on: friction cannot be negative, and its logarithm is stored."""
 
@@ -86,16 +90,22 @@ class LeastSquares(Lagrangian):
         return jnp.concatenate([(rate - jax.jacfwd(self.terms, 0)(q, v)).T, linear_columns(self.config, v)], axis=1)
 
 
-def fit_least_squares(config: JointConfig, q: Floats, v: Floats, a: Floats, tau: Floats, weights: Floats) -> Parameters:
+def regressors(config: JointConfig, q: Floats, v: Floats, a: Floats) -> Floats:
+    """Torques `[N, n, k]` per unit of each coefficient and friction parameter, for q, v and a, `[N, n]` each."""
+    return np.asarray(jax.jit(jax.vmap(LeastSquares(config).regressor))(q, v, a))
+
+
+def fit_least_squares(
+    config: JointConfig, rows: Floats, tau: Floats, weights: Floats, cutoff: float = CUTOFFS[0]
+) -> Parameters:
     """Coefficients of least norm that explain torques best.
 
     Args:
         config: of the family "least_squares".
-        q: `[N, n]` positions.
-        v: `[N, n]` velocities.
-        a: `[N, n]` accelerations.
+        rows: `[N, n, k]`, see `regressors`.
         tau: `[N, n]` torques.
         weights: `[N, n]`, one over the standard deviation of each torque's error.
+        cutoff: of `CUTOFFS`.
 
     Returns:
         Parameters of the family.
@@ -103,21 +113,49 @@ def fit_least_squares(config: JointConfig, q: Floats, v: Floats, a: Floats, tau:
     Raises:
         InputError: if there are fewer torques than coefficients.
     """
-    family = LeastSquares(config)
-    rows = np.asarray(jax.jit(jax.vmap(family.regressor))(q, v, a)) * weights[..., None]
-    matrix, target = rows.reshape(-1, rows.shape[-1]), (tau * weights).ravel()
+    matrix, target = (rows * weights[..., None]).reshape(-1, rows.shape[-1]), (tau * weights).ravel()
     if len(matrix) < matrix.shape[1]:
         raise InputError(
             f"{len(matrix)} torques cannot tell the {matrix.shape[1]} coefficients of the least-squares baseline; "
             "record more."
         )
-    size = np.linalg.norm(matrix, axis=0)
-    size[size == 0] = 1.0
-    solution = np.linalg.lstsq(matrix / size, target, rcond=RANK)[0] / size
-    number = rows.shape[-1] - config.n * len(config.friction)
+    (solution,) = _solutions(matrix, target, (cutoff,))
+    number = matrix.shape[1] - config.n * len(config.friction)
     friction = initial_friction(config)
     for i, (id, name) in enumerate(linear_parameters(config)):
         values = solution[number + i * config.n : number + (i + 1) * config.n]
         friction[id] = {key: np.full(config.n, np.log(LEAST)) for key in friction[id]}
         friction[id][name] = np.log(np.maximum(values, LEAST))
     return {"equations": {"coefficients": solution[:number]}, "friction": friction}
+
+
+def chosen_cutoff(rows: Floats, tau: Floats, weight: Floats, folds: NDArray[np.int_]) -> float:
+    """The lowest cutoff that predicts torques of which it has not learned as well as the best one does.
+
+    By cross-validation with the rule of one standard error (Breiman et al., 1984), of logarithms of errors: those of
+    cutoffs that are too low differ by powers of ten.
+
+    Args:
+        rows: `[N, n, k]`, see `regressors`.
+        tau: `[N, n]` torques.
+        weight: `[n]`, one over the usual error of a joint's torque.
+        folds: `[N]`, number of the fold that each sample is of; each is held out once.
+    """
+    rows, tau, errors = rows * weight[:, None], tau * weight, []
+    for fold in np.unique(folds):
+        held, number = folds == fold, rows.shape[-1]
+        solutions = _solutions(rows[~held].reshape(-1, number), tau[~held].ravel(), CUTOFFS)
+        errors.append([np.log(np.mean((rows[held] @ solution - tau[held]) ** 2) + TINY) for solution in solutions])
+    found = np.array(errors)
+    worse = found - found[:, [np.argmin(found.mean(axis=0))]]
+    good = worse.mean(axis=0) <= worse.std(axis=0, ddof=1) / np.sqrt(len(worse))
+    return CUTOFFS[int(np.argmax(good))]
+
+
+def _solutions(matrix: Floats, target: Floats, cutoffs: Sequence[float]) -> list[Floats]:
+    """Coefficients by a truncated singular value decomposition of columns of equal size, for each cutoff."""
+    size = np.linalg.norm(matrix, axis=0)
+    size[size == 0] = 1.0
+    left, values, right = np.linalg.svd(matrix / size, full_matrices=False)
+    parts = (left.T @ target)[:, None] * right / np.maximum(values, TINY)[:, None]
+    return [parts[values > cutoff * values[0]].sum(axis=0) / size for cutoff in cutoffs]

@@ -30,6 +30,8 @@ class Scores:
         valid_time: mean time from a motion's start for which a rollout under its torques is valid, s; see `VALID`. One
             that is valid to the end counts with its length.
         valid_times: of each motion.
+        indefinite: share of samples at which inertias are not positive definite: accelerations and rollouts mean
+            nothing there. None of feed-forward networks.
     """
 
     torque: float
@@ -41,6 +43,7 @@ class Scores:
     acceleration_share: float
     valid_time: float
     valid_times: tuple[float, ...]
+    indefinite: float | None
 
 
 def score(model: JointModel, motions: Motions) -> Scores:
@@ -63,7 +66,14 @@ def score(model: JointModel, motions: Motions) -> Scores:
         acceleration_share=variance_share(model.forward_dynamics(q, v, tau), a),
         valid_time=float(np.mean(valid)),
         valid_times=valid,
+        indefinite=indefinite(model, q) if model.conserves else None,
     )
+
+
+def indefinite(model: JointModel, q: Floats) -> float:
+    """Share of positions `[N, n]` at which inertias are not positive definite."""
+    inertias = model.mass_matrix(q)
+    return float(np.mean(np.linalg.eigvalsh((inertias + np.swapaxes(inertias, 1, 2)) / 2)[:, 0] <= 0))
 
 
 def check_joints(model: JointModel, motions: Motions) -> None:

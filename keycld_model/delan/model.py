@@ -158,6 +158,11 @@ class JointModel:
         return positions, velocities
 
     @property
+    def conserves(self) -> bool:
+        """Whether it has energies, which only motors and friction change: all but feed-forward networks."""
+        return self._dynamics.equations.conserves
+
+    @property
     def effects(self) -> tuple[Effect, ...]:
         """The learned friction as effects at the joints, for simulators and the diagnosis."""
         return effects(self.config, self.parameters["friction"])
@@ -242,10 +247,12 @@ class JointModel:
                     f"{name} has shape {list(array.shape)}; this model of {n} joint(s) needs {asked}"
                     + ("." if name == first else f", the same as {first}.")
                 )
-            if not np.isfinite(array).all():
-                raise InputError(f"{name} holds NaN or infinity; every number must be finite.")
-        return np.stack(arrays)
+        whole = np.stack(arrays)
+        if not np.isfinite(whole).all():
+            name = next(n for n, array in zip(arguments, arrays, strict=True) if not np.isfinite(array).all())
+            raise InputError(f"{name} holds NaN or infinity; every number must be finite.")
+        return whole
 
     def _check_energies(self) -> None:
-        if not self._dynamics.equations.conserves:
-            raise InputError(f"A model of the family {self.config.family!r} has no energy; train another family.")
+        if not self.conserves:
+            raise InputError("A model with a feed-forward network has no energy; train another family.")

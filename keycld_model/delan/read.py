@@ -79,11 +79,7 @@ def _archive(path: Path, slides: Sequence[str], radians: bool) -> Motions:
     kinds: tuple[Kind, ...] = tuple("slide" if name in slides else "hinge" for name in joints)
     if "t" not in arrays and not {"qv", "qa"} <= set(arrays):
         raise InputError(f"{path} has no clock t, from which velocities and accelerations could follow; add it.")
-    t = np.asarray(arrays.get("t", np.arange(number)), np.float64).ravel()
-    lengths = np.asarray(arrays.get("lengths", [number]), int).ravel()
-    labels = [str(label) for label in np.asarray(arrays.get("labels", ["all"])).ravel()]
-    if lengths.sum() != number or len(t) != number or len(labels) != len(lengths) or len(set(labels)) < len(labels):
-        raise InputError(f"{path}: labels, lengths and t do not part its {number} samples into named motions.")
+    t, lengths, labels = _parted(path, arrays, number)
     ends = np.cumsum(lengths)
     motions = []
     for label, start, end in zip(labels, ends - lengths, ends, strict=True):
@@ -102,9 +98,32 @@ def _archive(path: Path, slides: Sequence[str], radians: bool) -> Motions:
     return Motions(str(path), joints, kinds, tuple(motions))
 
 
+def _parted(path: Path, arrays: Mapping[str, NDArray], number: int) -> tuple[Floats, NDArray[np.int_], list[str]]:
+    """Clock `[N]`, and number of samples and name of each motion.
+
+    Raises:
+        InputError: if they are none, or do not belong to so many samples.
+    """
+    t, lengths = (np.asarray(arrays.get(name, default)).ravel() for name, default in _alone(number).items())
+    for name, array in (("t", t), ("lengths", lengths)):
+        if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+            raise InputError(f"{path}: {name} holds {array.dtype} that are not all finite numbers; correct it.")
+    if (lengths < 1).any() or (lengths % 1 != 0).any():
+        raise InputError(f"{path}: lengths are numbers of samples, 1 at least; correct {lengths.tolist()[:20]}.")
+    labels = [str(label) for label in np.asarray(arrays.get("labels", ["all"])).ravel()]
+    if lengths.sum() != number or len(t) != number or len(labels) != len(lengths) or len(set(labels)) < len(labels):
+        raise InputError(f"{path}: labels, lengths and t do not part its {number} samples into named motions.")
+    return t.astype(np.float64), lengths.astype(int), labels
+
+
+def _alone(number: int) -> dict[str, NDArray]:
+    """Clock and lengths of an archive that has none: one motion."""
+    return {"t": np.arange(number), "lengths": np.array([number])}
+
+
 def _numbers(path: Path, name: str, arrays: Mapping[str, NDArray]) -> Floats:
     array, shape = np.asarray(arrays[name]), np.asarray(arrays["qp"]).shape
-    if array.dtype.kind not in "fiu" or array.ndim != 2 or array.shape != shape:
+    if array.dtype.kind not in "fiu" or array.ndim != 2 or array.shape != shape or not array.size:
         raise InputError(
             f"{path}: {name} is {array.dtype} of shape {list(array.shape)}; it must be numbers [N, n] as qp."
         )
@@ -209,8 +228,14 @@ def _motion(
     joints: Sequence[str],
     truth: dict[str, Floats],
 ) -> Motion:
-    """A motion whose velocities and accelerations are measured or estimated."""
+    """A motion whose velocities and accelerations are measured or estimated.
+
+    Raises:
+        InputError: if its clock does not increase, or it cannot be estimated from.
+    """
     zero = np.zeros_like(q)
+    if (np.diff(t) <= 0).any():
+        raise InputError(f"{where}: the clock does not increase; sort the samples.")
     if v is not None and a is not None:
         return Motion(id, t, q, v, a, tau, zero, zero, truth)
     smoothed = _smoothed(where, t, q, joints)
@@ -227,8 +252,6 @@ def _smoothed(where: str, t: Floats, q: Floats, joints: Sequence[str]) -> Smooth
     """
     if len(t) < SHORTEST or (np.isfinite(q).sum(axis=0) < SHORTEST).any():
         raise InputError(f"{where} has fewer than {SHORTEST} positions, too few to estimate accelerations from.")
-    if (np.diff(t) <= 0).any():
-        raise InputError(f"{where}: the clock does not increase; sort the samples.")
     thinned = q.copy()
     thinned[1::2] = np.nan
     left = np.isfinite(q[1:-1:2])

@@ -61,10 +61,10 @@ def rig_of(model: JointModel, motors: Sequence[Motor]) -> mujoco.MjModel:
     """A joint model with motors, as a MuJoCo model.
 
     Raises:
-        InputError: if the model is a feed-forward network, whose torques and accelerations do not belong together.
+        InputError: if the model has a feed-forward network, whose torques and accelerations do not belong together.
     """
     config = model.config
-    if config.family == "feed_forward":
+    if not model.conserves:
         raise InputError("A feed-forward network has no equations of motion to add effects to; train another family.")
     spec = mujoco.MjSpec()
     spec.option.gravity, spec.option.timestep = np.zeros(3), STEP
@@ -165,10 +165,7 @@ class LearnedDynamics:
     def _mass_and_bias(self, q: Array, v: Array, factor: Array, deviation: Array) -> tuple[Array, Array]:
         (equations, p), off, zero = self._equations, Deviation(self.model.config), jnp.zeros_like(v)
         bias, more = equations.inverse_dynamics(p, q, v, zero), {"coefficients": deviation}
-        if self.model.config.family == "black_box":  # whose inertias depend on velocities
-            mass = jax.jacfwd(lambda a: equations.inverse_dynamics(p, q, v, a))(zero)
-        else:
-            mass = equations.mass_matrix(p, q)
+        mass = equations.inertias(p, q, v)
         return factor * mass + off.mass_matrix(more, q), factor * bias + off.inverse_dynamics(more, q, v, zero)
 
     @functools.cached_property

@@ -4,7 +4,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,25 +17,26 @@ from numpy.typing import NDArray
 from keycld_envs.errors import InputError
 from keycld_envs.files import one_writer
 from keycld_envs.progress import Advance, progress
-from keycld_model.checkpoint import check_same_run, read_checkpoint, write_checkpoint
+from keycld_model.checkpoint import WEIGHTS, check_same_run, read_checkpoint, write_checkpoint
 from keycld_model.delan.config import JointConfig
 from keycld_model.delan.families import JointDynamics
 from keycld_model.delan.levenberg_marquardt import LeastSquaresProblem, Point, step
 from keycld_model.delan.model import JointModel
 from keycld_model.delan.motions import Floats, Motions
 from keycld_model.delan.presets import PRESETS, Preset
+from keycld_model.delan.residual import Residual, what_is_left
 from keycld_model.delan.weights import repeated, torque_weights
 from keycld_model.training import log
 
 STATE = "state"
 SAVE_EVERY = 10.0
 """Seconds between checkpoints of a running training."""
+VALIDATION = 0.15
+"""Share of the motions that say when to stop."""
 BETTER = 0.99
 """Share of the best validation error below which another is better."""
 ENOUGH = 1e-12
 """Validation error, as a share of the torques' variance, at which nothing is left to learn in practice."""
-VALIDATION = 0.15
-"""Share of the motions that say when to stop."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ class TrainingResult:
         folder: the checkpoint.
         iterations: Levenberg-Marquardt steps in all.
         seconds: computing time of all sessions of the run.
-        validation_error: mean squared error of held-out torques, each over its variance.
+        validation_error: mean squared error of held-out torques, each over its variance; of a residual, over the
+            variance of what the base leaves.
     """
 
     model: JointModel
@@ -64,6 +66,7 @@ def train(
     friction: Sequence[str] = (),
     seed: int = 0,
     validation: float = VALIDATION,
+    residual_of: JointModel | None = None,
 ) -> TrainingResult:
     """Train a joint model; a run that was interrupted continues where it stopped, with the same result.
 
@@ -77,6 +80,8 @@ def train(
         friction: ids of effects at every joint, of `keycld_model.delan.config.FRICTIONS`.
         seed: of the first weights and of the division.
         validation: share of the motions held out.
+        residual_of: a model that stays as it is; what it leaves in the torques is learned, and the result is the sum of
+            both. It needs equations of motion: a feed-forward network has none.
 
     Raises:
         InputError: if the data do not fit, or `out` holds another run.
@@ -89,19 +94,30 @@ def train(
     if Path(out).exists() and not Path(out).is_dir():
         raise InputError(f"{out} is a file; name a folder.")
     training, held_out = motions.split(validation, seed)
-    config = JointConfig(
-        motions.joints, motions.kinds, training.scales(), recipe.family, recipe.width, recipe.depth, tuple(friction)
-    )
+    own, residual = _configured(training, recipe, tuple(friction), residual_of)
+    config = own if residual is None else residual.config
     meta = {
         "preset": asdict(recipe),
         "seed": seed,
         "validation": validation,
         "data": {"sha256": motions.sha256, "source": Path(motions.source).name, "motions": list(motions.ids)},
         "joint_model": config.to_dict(),
-    }
-    run = _Run(Path(out), config, recipe, training, held_out, seed, json.loads(json.dumps(meta)))
+    } | ({} if residual is None else {"residual_of": residual.base_sha256})
+    run = _Run(Path(out), own, residual, recipe, training, held_out, seed, json.loads(json.dumps(meta)))
     with one_writer(out):
         return run.finish()
+
+
+def _configured(
+    motions: Motions, recipe: Preset, friction: tuple[str, ...], residual_of: JointModel | None
+) -> tuple[JointConfig, Residual | None]:
+    """The model to be learned, and how it is added to another one, if it is."""
+    scales = motions.scales()
+    own = JointConfig(motions.joints, motions.kinds, scales, recipe.family, recipe.width, recipe.depth, friction)
+    if residual_of is None:
+        return own, None
+    left = what_is_left(residual_of, motions).scales()
+    return own, Residual(residual_of, replace(own, scales=replace(scales, torque=left.torque)), scales)
 
 
 @dataclass
@@ -140,7 +156,8 @@ class _State:
 @dataclass
 class _Run:
     folder: Path
-    config: JointConfig
+    own: JointConfig
+    residual: Residual | None
     preset: Preset
     training: Motions
     held_out: Motions
@@ -149,8 +166,9 @@ class _Run:
 
     def finish(self) -> TrainingResult:
         """Run or resume to the end."""
-        self.dynamics = JointDynamics(self.config)
-        first = self.dynamics.initial(self.seed)
+        config = self.own if self.residual is None else self.residual.config
+        self.dynamics = JointDynamics(config)
+        first = JointDynamics(self.own).initial(self.seed)
         with jax.enable_x64(True):
             flat, self._unflatten = ravel_pytree(jax.tree.map(jnp.asarray, first))
         state = self._resume(np.asarray(flat))
@@ -165,7 +183,7 @@ class _Run:
                     state.point, state.anchor = Point(state.best), state.best
                     state.iteration, state.waited, state.error = 0, 0, float("inf")
                 self._save(state)
-        model = JointModel(self.config, self._parameters(state.best), self.meta | self._summary(state))
+        model = JointModel(config, self._parameters(state.best), self.meta | self._summary(state))
         if not state.finished:
             model.save(self.folder)
             state.finished = True
@@ -178,10 +196,17 @@ class _Run:
 
     def _parameters(self, w: Floats) -> dict[str, Any]:
         with jax.enable_x64(True):
-            return jax.tree.map(np.asarray, self._unflatten(jnp.asarray(w)))
+            return jax.tree.map(np.asarray, self._whole(jnp.asarray(w)))
+
+    def _whole(self, w: jax.Array) -> dict[str, Any]:
+        """The model's parameters, with those of the base."""
+        own = self._unflatten(w)
+        return own if self.residual is None else self.residual.parameters(own)
 
     def _resume(self, first: Floats) -> _State:
         if not (self.folder / STATE).exists():
+            if (self.folder / WEIGHTS).exists():
+                raise InputError(f"{self.folder} holds a model that no run left there; choose another --out.")
             (self.folder / log.NAME).unlink(missing_ok=True)
             return _State(Point(first), first, first)
         tensors, meta = read_checkpoint(self.folder / STATE)
@@ -234,17 +259,17 @@ class _Run:
         keep = np.unique(np.linspace(0, len(signals[0]) - 1, self.preset.samples).astype(int))
         q, v, a, tau, v_std, a_std = (signal[keep] for signal in signals)
         samples, std = (q, v, a, tau), (v_std, a_std)
-        weights, repeats = np.broadcast_to(1 / np.array(self.config.scales.torque), q.shape), 1.0
+        weights, repeats = np.broadcast_to(1 / np.array(self.own.scales.torque), q.shape), 1.0
         if state.round:
             anchor = self._parameters(state.anchor)
-            weights = torque_weights(self.dynamics, anchor, samples, std)
+            weights = weights * torque_weights(self.dynamics, anchor, samples, std)
             repeats = repeated(self.dynamics, anchor, samples)
         groups = self._groups() if a_std.any() else np.full(len(state.best), -1)
         return LeastSquaresProblem(self._errors(), (*samples, np.array(weights)), groups, repeats)
 
     def _groups(self) -> NDArray[np.int_]:
         """Which weights have a prior of one width: those of one network, or of one linear part; -1 is friction."""
-        first = self.dynamics.initial(self.seed)
+        first = JointDynamics(self.own).initial(self.seed)
         names: dict[str, int] = {}
 
         def group(path: tuple[Any, ...], x: Any) -> NDArray[np.int_]:
@@ -259,7 +284,7 @@ class _Run:
 
     def _errors(self) -> Callable[..., jax.Array]:
         def errors(w: jax.Array, q: jax.Array, v: jax.Array, a: jax.Array, tau: jax.Array, weight: jax.Array) -> Any:
-            out = self.dynamics.prediction_errors(self._unflatten(w), q, v, a, tau)
+            out = self.dynamics.prediction_errors(self._whole(w), q, v, a, tau)
             return out * jnp.tile(weight, len(out) // len(weight))
 
         return errors

@@ -15,7 +15,7 @@ FLOOR = 0.1
 def torque_weights(
     dynamics: JointDynamics, p: Parameters, samples: tuple[Floats, ...], std: tuple[Floats, Floats]
 ) -> Floats:
-    """One over the standard deviation of each torque's error, `[N, n]`, scaled as if all were one over its usual size.
+    """One over the standard deviation of each torque's error, `[N, n]`, in units of the mean one.
 
     To first order, var(tau) = s^2 + (dtau/dv)^2 var(v) + (dtau/da)^2 var(a), where s^2 is what the errors of a first
     model have beyond that on average.
@@ -35,8 +35,7 @@ def torque_weights(
     propagated = np.einsum("tij,tj->ti", by_v**2, std[0] ** 2) + np.einsum("tij,tj->ti", by_a**2, std[1] ** 2)
     mean = propagated.mean(axis=0)
     rest = np.maximum(np.mean((np.asarray(torque) - tau) ** 2, axis=0) - mean, FLOOR * mean)
-    relative = np.sqrt((rest + mean) / (rest + propagated))
-    return relative / np.array(dynamics.config.scales.torque)
+    return np.sqrt((rest + mean) / (rest + propagated))
 
 
 def repeated(dynamics: JointDynamics, p: Parameters, samples: tuple[Floats, ...]) -> float:

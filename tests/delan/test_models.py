@@ -1,6 +1,8 @@
 """The families of joint models: what their equations must satisfy whatever the weights, and what training finds."""
 
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 import mujoco
@@ -12,9 +14,12 @@ from keycld_envs.errors import InputError
 from keycld_model import JointModel
 from keycld_model.delan import FRICTIONS, PRESETS, JointConfig, Preset, read_motions, train
 from keycld_model.delan.baseline import fit_baseline, verdict
-from keycld_model.delan.config import FAMILIES, Family, Scales
-from keycld_model.delan.families import JointDynamics
+from keycld_model.delan.config import Family, Scales
+from keycld_model.delan.correction import scaled
+from keycld_model.delan.equations import Hamiltonian, Lagrangian
+from keycld_model.delan.families import FAMILIES, JointDynamics
 from keycld_model.delan.friction import effects, friction_torque
+from keycld_model.delan.least_squares import CUTOFFS, chosen_cutoff
 from keycld_model.delan.measures import score
 
 SMALL = Preset("structured", "for tests", width=8, iterations=25)
@@ -68,6 +73,23 @@ def test_inertias_are_symmetric_and_positive_and_parts_add_up(family: Family) ->
     assert parts.inertial == pytest.approx(model.mass_matrix(Q) @ A, rel=1e-9)
     slope = [(model.potential_energy(Q + e) - model.potential_energy(Q - e)) / 2e-5 for e in 1e-5 * np.eye(3)]
     assert parts.gravity == pytest.approx(np.array(slope), rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.parametrize(("family", "general"), [("structured", Lagrangian), ("hamiltonian", Hamiltonian)])
+@pytest.mark.parametrize("joints", [1, 2, 3, 4])
+def test_torques_in_one_pass_are_those_of_the_general_equation(family: Family, general: Any, joints: int) -> None:
+    sizes, rng = tuple(0.5 + 0.3 * i for i in range(joints)), np.random.default_rng(joints)
+    kinds = ("hinge", "slide", "hinge", "hinge")[:joints]
+    config = JointConfig(tuple("abcd"[:joints]), kinds, Scales(sizes, sizes, sizes, sizes, sizes), family, 8, 2)
+    dynamics = JointDynamics(config)
+    p = jax.tree.map(lambda x: x + 0.3 * rng.standard_normal(np.shape(x)), dynamics.initial(0))
+    model, state = JointModel(config, p), rng.standard_normal((3, joints))
+    with jax.enable_x64(True):
+        equation = jax.jit(partial(general.inverse_dynamics, dynamics.equations, p["equations"]))
+        q, v, a = state
+        tau = np.asarray(equation(q, v, a))
+    assert model.inverse_dynamics(q, v, a) == pytest.approx(tau, rel=1e-11, abs=1e-12)
+    assert model.forward_dynamics(q, v, tau) == pytest.approx(a, rel=1e-9, abs=1e-10)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -190,3 +212,25 @@ def test_rollouts_follow_a_pendulum(pendulum: Path) -> None:
         x[0] += h * x[1]
     assert (q.shape, v.shape) == ((60, 1), (60, 1))
     assert [q[-1, 0], v[-1, 0]] == pytest.approx(x, abs=1e-3)
+
+
+def test_combinations_that_are_told_too_badly_are_left_out_and_no_others() -> None:
+    rng, true = np.random.default_rng(0), np.array([1.0, -2.0, 0.5])
+    good = rng.standard_normal((200, 1, 3))
+    tau, folds, one = good @ true, np.arange(200) // 20 % 5, np.ones(1)
+    tells = np.where(folds[:, None] == np.arange(5), 1.0, 1e-4)[:, None]  # each fold one difference from a column
+    alike = np.concatenate([good, good[..., :1] + tells * rng.standard_normal((200, 1, 5))], axis=2)
+    noisy = tau + 0.1 * rng.standard_normal((200, 1))
+    assert chosen_cutoff(good, tau, one, folds) == CUTOFFS[0]
+    assert chosen_cutoff(good, noisy, one, folds) == CUTOFFS[0]
+    assert chosen_cutoff(alike, noisy, one, folds) > 1e-5
+
+
+def test_inertias_that_are_not_positive_are_counted_and_said(pendulum: Path) -> None:
+    motions = read_motions(pendulum)
+    model = fit_baseline(motions, ("viscous_friction", "coulomb_friction"))
+    found = score(model, motions)
+    assert found.indefinite == 0.0
+    wrong = score(scaled(model, -1.0), motions)
+    assert wrong.indefinite == 1.0
+    assert "not positive at 100%" in verdict(found, wrong) and "not positive" not in verdict(wrong, found)

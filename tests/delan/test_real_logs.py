@@ -126,6 +126,8 @@ def test_the_lower_mean_wins() -> None:
     ]
     assert winners(lines) == [{"rig": "arm", "share": 1.0, "band": 6.0, "torque": "black_box", "rollout": "structured"}]
     assert "**0.150**, inf" in real_table(lines).markdown()
+    lines[2]["rollouts"] = None
+    assert "**0.150**, indefinite" in real_table(lines).markdown()
 
 
 def test_real_goes_on_where_it_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -222,6 +222,39 @@ def _read_state(folder: Path) -> Any:
     return {name: array.tobytes() for name, array in flatten(tensors).items()}, json.dumps(meta)
 
 
+def _joint_archive(folder: Path) -> Path:
+    path, t = folder / "letters.npz", 0.02 * np.arange(40)
+    q, v = (np.stack([f(3 * t), f(2 * t)], axis=1) for f in (np.sin, np.cos))
+    signals: dict[str, Any] = {"qp": q, "qv": v * [3.0, 2.0], "qa": -q * [9.0, 4.0], "tau": q + v}
+    np.savez(path, t=t, labels=np.array(["a", "b"]), lengths=np.array([20, 20]), **signals)
+    return path
+
+
+def _read_joint_archive(folder: Path) -> Any:
+    from keycld_model.delan import read_motions
+
+    motions = read_motions(folder / "letters.npz")
+    return motions.sha256, motions.ids, motions.scales()
+
+
+def _joint_model(folder: Path) -> Path:
+    from keycld_model.delan import JointConfig, JointModel
+    from keycld_model.delan.config import Scales
+    from keycld_model.delan.families import JointDynamics
+
+    config = JointConfig(("a",), ("hinge",), Scales(*(((1.0,),) * 5)), width=3, depth=1, friction=("viscous_friction",))
+    JointModel(config, JointDynamics(config).initial(0)).save(folder / "arm")
+    return folder / "arm" / "weights.safetensors"
+
+
+def _read_joint_model(folder: Path) -> Any:
+    from keycld_model.checkpoint import flatten
+    from keycld_model.delan import JointModel
+
+    model = JointModel.load(folder / "arm")
+    return model.config, {name: array.tobytes() for name, array in flatten(model.parameters).items()}
+
+
 def _member(folder: Path, name: str) -> Path:
     return _recording(folder) / name
 
@@ -233,6 +266,8 @@ TARGETS = (
     Target("recording: video", lambda folder: _recording(folder, True) / "frames.mkv", _read_recording, True),
     Target("checkpoint", _checkpoint, _read_checkpoint, True),
     Target("state of a training", _state, _read_state, True),
+    Target("joint model", _joint_model, _read_joint_model, True),
+    Target("archive of joints", _joint_archive, _read_joint_archive, False),
     Target("CSV", _table, _read_table, False),
     Target("MATLAB", lambda folder: _matlab(folder, False), _read_matlab, False),
     Target("MATLAB, compressed", lambda folder: _matlab(folder, True), _read_matlab, False),

@@ -31,7 +31,7 @@ DONE = (0, 10, 11)
 
 def commands(shared: Path) -> dict[str, tuple[list[str], float]]:
     """Command for each name, with {out} for a folder of its own, and the latest second to interrupt it."""
-    runs, data = shared / "runs", shared / "data"
+    runs, data, letters = shared / "runs", shared / "data", str(shared / "joints" / "letters.npz")
     workers = ["--workers", 2]
     return {
         "swingup": (keycld("swingup", "pendulum", "--episodes", 100, "--video", "{out}/clip.mp4", *workers), 12.0),
@@ -39,12 +39,14 @@ def commands(shared: Path) -> dict[str, tuple[list[str], float]]:
         "train": (keycld("train", "pendulum", "--data", data, "--out", "{out}/run"), 20.0),
         "collect": (keycld("collect", "pendulum", "--out", "{out}/data", "--episodes", 2000, *workers), 8.0),
         "diagnose": (keycld("diagnose", runs, "--env", "pendulum", "--out", "{out}/report"), 12.0),
+        "delan": (keycld("delan", "train", letters, "--out", "{out}/arm"), 12.0),
         "blind make": (keycld("blind", "make", "{out}/blind", "--cases", 50, *workers), 10.0),
     }
 
 
 def prepare(shared: Path) -> None:
     """What the commands read."""
+    subprocess.run([sys.executable, str(HERE / "small_delan.py"), "data", str(shared / "joints")], check=True)
     code = DIAGNOSE.format(tests=str(HERE.parent / "diagnosis"), out=str(shared / "runs"))
     subprocess.run([sys.executable, "-c", code], check=True)
     collect = keycld("collect", "pendulum", "--out", shared / "data", "--episodes", 100)

@@ -106,6 +106,28 @@ def of_json(*patterns: str) -> Callable[[Path], str]:
     return digest
 
 
+def of_lines(folder: Path) -> str:
+    """Digest of lines of results, in whatever order."""
+    lines = [without_times(json.loads(line)) for line in (folder / "results.jsonl").read_text().splitlines()]
+    return hashlib.sha256("".join(sorted(json.dumps(line, sort_keys=True) for line in lines)).encode()).hexdigest()
+
+
+def delan(shared: Path) -> list[Scenario]:
+    """Joint models: what is trained, the characters, and logs of a pendulum."""
+    here = [sys.executable, str(HERE / "small_delan.py")]
+    letters, logs, data = str(shared / "joints" / "letters.npz"), str(shared / "joints" / "logs"), shared / "joints"
+    subprocess.run([*here, "data", str(data)], check=True)
+    models = ["--model", "structured", "--model", "least_squares"]
+    paper, real = ["--data", letters, "--seeds", "2", "--characters", "17"], ["--rig", "simple pendulum"]
+    return [
+        Scenario("delan train", lambda out: [*here, "train", letters, "--out", str(out)], of_training),
+        Scenario(
+            "delan paper", lambda out: [*here, "paper", "--out", str(out), *paper, *models], of_json("results/*.json")
+        ),
+        Scenario("delan real", lambda out: [*here, "real", logs, "--out", str(out), *real, *models], of_lines),
+    ]
+
+
 def scenarios(shared: Path, only: str | None = None) -> list[Scenario]:
     """All of them, or one; what they read lies in a shared folder."""
     runs = shared / "runs"
@@ -138,6 +160,7 @@ def scenarios(shared: Path, only: str | None = None) -> list[Scenario]:
             lambda out: [sys.executable, str(HERE / "small_paper.py"), str(out)],
             of_json("results/*.json"),
         ),
+        *(delan(shared) if only is None or only.startswith("delan") else []),
     ]
     return [scenario for scenario in every if only in (None, scenario.name)]
 
