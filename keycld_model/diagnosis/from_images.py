@@ -10,6 +10,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.diagnose import diagnose
+from keycld_model.diagnosis.inputs.observation import JointPositions, Observation
 from keycld_model.diagnosis.inputs.observation.encoders_and_camera import EncodersAndCamera, joined
 from keycld_model.diagnosis.output.pictures import pictures
 from keycld_model.diagnosis.verdict.evidence import Evidence
@@ -58,17 +59,16 @@ def diagnose_images(
     if positions.trusted < criteria.trusted_frames:
         return _distrusted(positions, every, model, criteria)
     seen = list(positions.recordings)
-    observation = None
+    observation: Observation = JointPositions(model, tracked=True, criteria=criteria, floor=positions.error)
     if encoders:
         seen = [joined(own, read) for own, read in zip(every, seen, strict=True)]
-        observation = EncodersAndCamera(model, criteria=criteria)
+        observation = EncodersAndCamera(model, positions.error, criteria=criteria)
     parts = [seen[: len(recordings)], seen[len(recordings) : len(recordings) + len(held_out)]]
     before = seen[len(recordings) + len(held_out) :]
     if before:
         report = diagnose(parts[0], model, criteria=criteria, baseline=before, budget=budget)
     else:
-        tracked = observation is None
-        report = diagnose(parts[0], model, parts[1], tracked, observation, criteria, budget=budget)
+        report = diagnose(parts[0], model, parts[1], False, observation, criteria, budget=budget)
     evidence = report.evidence
     if evidence is not None:
         evidence = replace(evidence, pictures=pictures(evidence.rollouts, every, positions, model))
@@ -98,7 +98,8 @@ def _summary(positions: Positions) -> dict[str, object]:
     shares = {
         r.id: round(float(np.median(e)), 4) for r, e in zip(positions.recordings, positions.explained, strict=True)
     }
-    return {"trusted_frames": round(positions.trusted, 4), "explained": shares}
+    error = [round(float(e), 6) for e in positions.error]
+    return {"trusted_frames": round(positions.trusted, 4), "explained": shares, "error": error}
 
 
 def _distrusted(

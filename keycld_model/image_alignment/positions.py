@@ -15,6 +15,7 @@ from keycld_envs.recordings import Recording
 from keycld_envs.rendering import Quality
 from keycld_envs.workers import each
 from keycld_model.image_alignment.bank import Bank
+from keycld_model.image_alignment.calibration import reading_error
 from keycld_model.image_alignment.films import Films, read_films
 from keycld_model.image_alignment.fit_look import SOFT, Look, fit_look
 from keycld_model.image_alignment.follow import follow
@@ -43,6 +44,7 @@ class Positions:
         value_deviation: `[p]` their standard deviations.
         camera: that looked.
         size: of the images that were aligned, (H, W).
+        error: `[nq]` root mean square error of the positions, rad or m, from frames drawn at known positions.
     """
 
     recordings: tuple[Recording, ...]
@@ -53,6 +55,7 @@ class Positions:
     value_deviation: Array
     camera: str
     size: tuple[int, int]
+    error: Array
 
     @property
     def trusted(self) -> float:
@@ -97,7 +100,32 @@ def read_positions(
         for poses in each(job, jobs, min(workers, len(jobs))):
             followed.append(poses)
             advance(len(poses))
-    return _positions(recordings, model, films, followed, look, parameters, name)
+        typical = int(np.argsort([_travelled(poses) for poses in followed])[len(followed) // 2])
+        error = _error(model, name, quality, look.values, bank, jobs[typical], followed[typical])
+    return _positions(recordings, model, films, followed, look, parameters, name, error)
+
+
+def _travelled(poses: Sequence[Pose]) -> float:
+    """How far all joints go from frame to frame, on average, rad or m."""
+    return float(np.mean(np.abs(np.diff([pose.q for pose in poses], axis=0))))
+
+
+def _error(
+    model: mujoco.MjModel,
+    camera: str,
+    quality: Quality,
+    look: Array,
+    bank: Bank,
+    job: tuple[Light, Array, NDArray[np.uint8]],
+    poses: Sequence[Pose],
+) -> Array:
+    """Of positions that were read off one recording, see `reading_error`."""
+    light, times, frames = job
+    scene = Scene(model, camera, (frames.shape[1], frames.shape[2]), quality)
+    try:
+        return reading_error(scene, look, light, times, frames, poses, bank)
+    finally:
+        scene.close()
 
 
 def _follow(
@@ -145,6 +173,7 @@ def _positions(
     look: Look,
     parameters: tuple[LookParameter, ...],
     camera: str,
+    error: Array,
 ) -> Positions:
     """As recordings of joint positions."""
     explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
@@ -158,4 +187,6 @@ def _positions(
             replace(recording, joint_names=names, t_state=times, qpos=q, qvel=None, units={**own, "qpos": units})
         )
     deviation = tuple(np.sqrt([np.diag(pose.covariance) for pose in poses]) for poses in followed)
-    return Positions(tuple(out), deviation, explained, parameters, look.values, look.deviation, camera, films.size)
+    return Positions(
+        tuple(out), deviation, explained, parameters, look.values, look.deviation, camera, films.size, error
+    )

@@ -26,9 +26,18 @@ class EncodersAndCamera:
     The sensors have zeros of their own, and the camera its errors; where both see the same, so do their noises average.
     """
 
-    def __init__(self, model: mujoco.MjModel, noise: Array | None = None, criteria: Criteria = STANDARD) -> None:
-        """Of all joints of a model; noise `[2 nv]`, rad or m, None if it is not known yet."""
-        self._model, self._criteria, self._joints = model, criteria, model.njnt
+    def __init__(
+        self, model: mujoco.MjModel, error: Array, noise: Array | None = None, criteria: Criteria = STANDARD
+    ) -> None:
+        """Of all joints of a model.
+
+        Args:
+            model: of hinges and slides.
+            error: `[nv]` that positions by the camera have at least, rad or m.
+            noise: `[2 nv]`, rad or m; None if it is not known yet.
+            criteria: how far off sensors may be.
+        """
+        self._model, self._criteria, self._joints, self._error = model, criteria, model.njnt, error
         first, second = (None, None) if noise is None else np.split(noise, 2)
         self._encoders = JointPositions(model, first, criteria=criteria)
         self._camera = JointPositions(model, second, tracked=True, criteria=criteria)
@@ -47,7 +56,8 @@ class EncodersAndCamera:
         """
         times = [np.asarray(recording.t_state) for recording in recordings]
         noise = estimate_noise(times, [self.measured(recording) for recording in recordings])
-        return EncodersAndCamera(self._model, noise, self._criteria)
+        noise[self._joints :] = np.maximum(noise[self._joints :], self._error)
+        return EncodersAndCamera(self._model, self._error, noise, self._criteria)
 
     def check(self, recording: Recording) -> None:
         """Both halves, as if each were a recording of its own."""

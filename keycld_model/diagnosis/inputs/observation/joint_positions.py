@@ -29,7 +29,12 @@ class JointPositions:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, noise: Array | None = None, tracked: bool = False, criteria: Criteria = STANDARD
+        self,
+        model: mujoco.MjModel,
+        noise: Array | None = None,
+        tracked: bool = False,
+        criteria: Criteria = STANDARD,
+        floor: Array | None = None,
     ) -> None:
         """Of all joints of a model.
 
@@ -38,7 +43,10 @@ class JointPositions:
             noise: `[nv]` standard deviation of the sensor, rad or m; None if it is not known yet.
             tracked: positions were read off images, and errors of the camera are refitted, too.
             criteria: how far off sensors may be.
+            floor: `[nv]` noise that there is at least, rad or m: what is known of errors that do not scatter from
+                sample to sample.
         """
+        self._floor = floor
         self._model, self._tracked, self._criteria = model, tracked, criteria
         self._hinges = [bool(kind == mujoco.mjtJoint.mjJNT_HINGE) for kind in model.jnt_type]
         self.names = tuple(model.joint(j).name for j in range(model.njnt))
@@ -68,7 +76,8 @@ class JointPositions:
         """
         times = [np.asarray(recording.t_state) for recording in recordings]
         noise = estimate_noise(times, [self.measured(recording) for recording in recordings])
-        return JointPositions(self._model, noise, self._tracked, self._criteria)
+        noise = noise if self._floor is None else np.maximum(noise, self._floor)
+        return JointPositions(self._model, noise, self._tracked, self._criteria, self._floor)
 
     def check(self, recording: Recording) -> None:
         """Positions of these joints, in rad or m, with few samples missing and no turn left out."""
