@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from keycld_control.benchmarks.figure import Figure
     from keycld_control.benchmarks.weights import Weights
 
-Part = Literal["envs", "act", "models", "swingup"]
-PARTS: tuple[Part, ...] = ("envs", "act", "models", "swingup")
+Part = Literal["envs", "positions", "act", "models", "swingup"]
+PARTS: tuple[Part, ...] = ("envs", "positions", "act", "models", "swingup")
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Args:
     """Measure everything that KeyCLD promises, and print it beside what it must reach; half an hour on two cores.
 
     Attributes:
-        only: Part to measure, repeatable: "envs" (frames/s), "act" (actions/s), "models" (prediction, angles, training
+        only: Part to measure, repeatable: "envs" (frames/s), "positions" (read off frames), "act" (actions/s), "models" (prediction, angles, training
             time), "swingup" (success); by default all.
         system: System to measure, repeatable; by default all; `keycld systems` lists them.
         weights: Folder with a checkpoint per system, named like it; by default the shipped weights.
@@ -65,7 +65,7 @@ def run(args: Args) -> None:
     weights = Weights(chosen_systems(args.system), args.weights)
     if args.data is not None and (missing := [s for s in weights.systems if not (args.data / s).is_dir()]):
         raise InputError(f"{args.data} has no folder {missing[0]!r}; it must hold one data set per system.")
-    if parts != ("envs",):
+    if set(parts) - {"envs", "positions"}:
         weights.check()
     report = {"machine": machine(), "settings": asdict(args) | {"only": parts}, "complete": False, "figures": []}
     for part in parts:
@@ -105,6 +105,10 @@ def _measure(part: Part, args: Args, weights: "Weights") -> Iterator["Figure"]:
         from keycld_control.benchmarks.envs import speed_figures
 
         yield from speed_figures(weights.systems)
+    elif part == "positions":
+        from keycld_control.benchmarks.positions import position_figures
+
+        yield from position_figures(weights.systems, args.seed)
     elif part == "act":
         from keycld_control.benchmarks.act import act_per_second
 

@@ -13,12 +13,19 @@ from keycld_model.image_alignment.scene import Scene, softened
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
-SOFT = (3.0, 2.0, 1.0, 1.0, 0.5, 0.5, 0.0)
+SOFT = (3.0, 3.0, 2.0, 1.0, 1.0, 0.5, 0.5, 0.0, 0.0, 0.0)
 """Pixels by which images are softened in the steps of Gauss-Newton on the look, one after the other."""
+SHARP = 0.5
+"""From here on blur is fitted, too; before, it would stand for edges that are not yet where they belong."""
+LONGEST = 2.0
+"""Standard deviations expected of a parameter that a step changes it by at most."""
 TRIED = 4
 """Positions of the bank from which a pose without a predecessor is fitted."""
 UNSEEN = 0.3
 """Frames of whose motion a pose explains a smaller share tell nothing of the look."""
+
+SURE = 0.8
+"""Share of a frame's motion that a pose in a look that nearly fits explains."""
 
 
 @dataclass(frozen=True)
@@ -80,14 +87,18 @@ def fit_look(
         Sample(r, f, find_pose(scene, values, lights[r], f, bank, lights[r].apply(bank.still))) for r, f in frames
     ]
     normal = np.diag(1 / spread**2)
-    for soft in SOFT:
+    for k, soft in enumerate(SOFT):
+        if soft <= SHARP < SOFT[k - 1]:  # what was taken for a pose in another look may be none
+            samples = [_again(scene, values, lights, s, bank) for s in samples]
         lights = _lights(scene, values, _seen(samples), lights)
         parts = [_Linear.of(scene, values, lights[s.recording], s, soft) for s in samples]
         seen = [part for part, s in zip(parts, samples, strict=True) if s.pose.explained > UNSEEN] or parts
         normal = np.diag(1 / spread**2) + sum(part.normal for part in seen)
         gradient = sum(part.gradient for part in seen) - (values - scene.nominal) / spread**2
-        step = np.asarray(np.linalg.solve(normal, gradient), np.float64)
-        step *= min(1.0, 1.0 / float(np.abs(step / spread).max()))
+        free = slice(None) if soft <= SHARP else slice(-1)
+        step = np.zeros(len(values))
+        step[free] = np.linalg.solve(normal[free, free], gradient[free])
+        step *= min(1.0, LONGEST / float(np.abs(step / spread).max()))
         step[-1] = max(step[-1], -values[-1])
         values = values + step
         samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
@@ -109,10 +120,13 @@ def _moved(sample: Sample, part: "_Linear", step: Array) -> Sample:
 
 
 def _again(scene: Scene, values: Array, lights: Sequence[Light], sample: Sample, bank: Bank) -> Sample:
-    """With its pose in another look."""
+    """With its pose in another look; where that explains little, looked for everywhere."""
     light = lights[sample.recording]
     still = light.apply(bank.still)
     pose = align(scene, values, light, sample.frame, still, sample.pose.q, near=True)
+    if pose.explained < SURE:
+        other = find_pose(scene, values, light, sample.frame, bank, still)
+        pose = max(pose, other, key=lambda p: p.explained)
     return replace(sample, pose=pose)
 
 
@@ -132,7 +146,7 @@ class _Linear:
     """The difference between one frame and its drawing, to first order: y - A look - B joints, whitened.
 
     Attributes:
-        normal: `[p, p]` of the look, the joints eliminated.
+        normal: `[p, p]` of the look, joints and light eliminated.
         gradient: `[p]`.
         back: `[nq, p]` and `rest`: joints = rest - back look.
         rest: `[nq]`.
@@ -157,17 +171,26 @@ class _Linear:
         active = np.abs(of_joints).max(axis=1) > 1e-3 * np.abs(of_joints).max()
         scale = max(FINEST, 1.4826 * float(np.median(np.abs(left[active]))))
         root = np.sqrt(robust_weights(left, scale)) / scale
-        a, b, y = root[:, None] * of_look, root[:, None] * of_joints, root * left
+        of_light = _light_columns(drawn)
+        a, b, y = root[:, None] * of_look, root[:, None] * np.concatenate([of_joints, of_light], axis=1), root * left
         basis, triangle = np.linalg.qr(b)
-        free = y - basis @ (basis.T @ y), a - basis @ (basis.T @ a)  # a pose explains what is in its span
-        ridge = triangle + 1e-9 * np.abs(triangle).max() * np.eye(len(q))
+        free = y - basis @ (basis.T @ y), a - basis @ (basis.T @ a)  # what neither pose nor light explains
+        ridge = triangle + 1e-9 * np.abs(triangle).max() * np.eye(len(triangle))
         return cls(
             free[1].T @ free[1],
             free[1].T @ free[0],
-            np.linalg.solve(ridge, basis.T @ a),
-            np.linalg.solve(ridge, basis.T @ y),
+            np.linalg.solve(ridge, basis.T @ a)[: len(q)],
+            np.linalg.solve(ridge, basis.T @ y)[: len(q)],
         )
 
     def joints(self, step: Array) -> Array:
         """Change of the joint positions that goes with a step of the look."""
         return self.rest - self.back @ step
+
+
+def _light_columns(drawn: Image) -> Array:
+    """Derivatives of an image to a factor and an offset of every colour, `[pixels, 6]`."""
+    out = np.zeros((*drawn.shape, 6))
+    for c in range(3):
+        out[..., c, c], out[..., c, 3 + c] = drawn[..., c] / 100, 1.0
+    return out.reshape(-1, 6)

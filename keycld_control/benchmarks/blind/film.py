@@ -96,15 +96,19 @@ class Film:
 
 
 class Studio:
-    """Films one system, whose links are as long as they are."""
+    """Films one system, whose links are as long as they are.
+
+    Attributes:
+        model: of the system.
+    """
 
     def __init__(self, system: str, errors: ParameterErrors) -> None:
         """Opens OpenGL."""
         declared = get_system(system)
-        self._camera, self._model = declared.camera, declared.compile()
-        lengthen(self._model, errors)
-        self._data = mujoco.MjData(self._model)
-        self._renderer = Renderer(copy.copy(self._model), SIZE, SIZE, "fast")
+        self._camera, self.model = declared.camera, declared.compile()
+        lengthen(self.model, errors)
+        self._data = mujoco.MjData(self.model)
+        self._renderer = Renderer(copy.copy(self.model), SIZE, SIZE, "fast")
 
     def __enter__(self) -> "Studio":
         return self
@@ -117,8 +121,8 @@ class Studio:
         out = []
         for q in positions:
             self._data.qpos[:] = q
-            mujoco.mj_kinematics(self._model, self._data)
-            mujoco.mj_camlight(self._model, self._data)
+            mujoco.mj_kinematics(self.model, self._data)
+            mujoco.mj_camlight(self.model, self._data)
             out.append(film.develop(self._renderer.render(self._data, self._camera, film.view), rng))
         return np.stack(out)
 
@@ -126,6 +130,7 @@ class Studio:
 def lengthen(model: mujoco.MjModel, errors: ParameterErrors) -> None:
     """Let links look as long as they are: the plant's lengths, and what is drawn of them."""
     errors.apply(model)
+    model.geom_sameframe[:] = 0  # geoms leave the centres of mass
     tubes = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
     for name, factor in errors.length.items():
         for geom in range(model.ngeom):
