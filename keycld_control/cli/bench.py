@@ -26,8 +26,8 @@ class Args:
     """Measure everything that KeyCLD promises, and print it beside what it must reach; half an hour on two cores.
 
     Attributes:
-        only: Part to measure, repeatable: "envs" (frames/s), "positions" (read off frames), "act" (actions/s), "models" (prediction, angles, training
-            time), "swingup" (success); by default all.
+        only: Part to measure, repeatable: "envs" (frames/s), "positions" (read off frames), "act" (actions/s), "models"
+            (prediction, angles, training time), "swingup" (success); by default all.
         system: System to measure, repeatable; by default all; `keycld systems` lists them.
         weights: Folder with a checkpoint per system, named like it; by default the shipped weights.
         data: Folder with a data set per system, named like it; by default, the paper's data set is collected anew with

@@ -168,7 +168,7 @@ class _Linear:
         )
         drawn = light.apply(scene.render(q, values, soft))
         left = (softened(sample.frame, soft) - drawn).ravel().astype(np.float64)
-        active = np.abs(of_joints).max(axis=1) > 1e-3 * np.abs(of_joints).max()
+        active = np.abs(of_joints).max(axis=1) >= 1e-3 * np.abs(of_joints).max()
         scale = max(FINEST, 1.4826 * float(np.median(np.abs(left[active]))))
         root = np.sqrt(robust_weights(left, scale)) / scale
         of_light = _light_columns(drawn)

@@ -96,6 +96,9 @@ class _Fit:
         jacobian = jacobian.reshape(len(q), -1).T.astype(np.float64)
         size = np.abs(jacobian).max(axis=1)
         active = size > ACTIVE * max(float(size.max()), 1e-6)
+        if not active.any():  # nothing that moves is in the image
+            self.q = q
+            return np.inf
         jacobian = jacobian[active]
         length = np.inf
         for _ in range(ROUNDS):

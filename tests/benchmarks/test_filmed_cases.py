@@ -1,0 +1,59 @@
+"""Sealed cases that a camera saw."""
+
+import json
+
+import numpy as np
+import pytest
+
+from keycld_control.benchmarks.blind.case import HELD_OUT, TRAINING
+from keycld_control.benchmarks.blind.film import SIZE, Film, Studio, lengthen
+from keycld_control.benchmarks.blind.make import Settings, make
+from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors
+from keycld_envs.recordings import read_dataset
+from keycld_envs.systems import get_system
+
+SEED = 798
+"""A pendulum, the cheapest."""
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_filmed_cases_have_frames_and_commands_and_nothing_else(tmp_path):
+    make(tmp_path / "made", Settings(SEED, 1, "pixels"))
+    folder = tmp_path / "made" / "cases" / "0001"
+    runs = [r for part in ("training", "held_out") for r in read_dataset(folder / part).recordings]
+    assert len(runs) == TRAINING + HELD_OUT
+    for run in runs:
+        assert run.qpos is None and run.qvel is None
+        assert run.load_frames().shape[1:] == (SIZE, SIZE, 3)
+        assert run.action is not None
+    assert json.loads((folder / "case.json").read_text())["observe"] == "pixels"
+    (answer,) = json.loads((tmp_path / "made" / "answers.json").read_text())
+    assert set(answer["film"]) >= {"right", "up", "zoom", "aspect", "roll", "gain", "noise", "shifted"}
+    assert "film" not in (folder / "case.json").read_text()
+
+
+@pytest.mark.render
+def test_links_look_as_long_as_they_are():
+    errors = ParameterErrors({}, {"upper_arm": 0.8, "lower_arm": 1.2})
+    with Studio("acrobot", errors) as studio:
+        pass
+    tip = get_system("acrobot")
+    import mujoco
+
+    data = mujoco.MjData(studio.model)
+    mujoco.mj_forward(studio.model, data)
+    arm = studio.model.geom("lower_arm").id
+    end = data.geom_xpos[arm] + data.geom_xmat[arm].reshape(3, 3)[:, 2] * studio.model.geom_size[arm, 1]
+    assert end == pytest.approx([0, 0, 2.1 + 0.8 + 1.2], abs=1e-9)
+    nominal = tip.compile()
+    lengthen(nominal, ParameterErrors({}, {}))
+    assert np.array_equal(nominal.geom_size, tip.compile().geom_size)
+
+
+def test_a_third_of_the_films_look_otherwise():
+    films = [Film.draw(np.random.default_rng(i)) for i in range(600)]
+    shifted = [film.shifted for film in films]
+    assert np.mean(shifted) == pytest.approx(1 / 3, abs=0.06)
+    assert max(film.noise for film in films if not film.shifted) <= 3
+    assert all(film.jpeg is None for film in films if not film.shifted)
