@@ -1,6 +1,7 @@
 """Poses of all frames of a recording, one after the other."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -55,7 +56,7 @@ def follow(
             pose = other if pose is None or other.explained > pose.explained + 0.02 else pose
         near = guess if guess is not None else np.zeros_like(pose.q)
         q = np.where(turn, pose.q - 2 * np.pi * np.round((pose.q - near) / (2 * np.pi)), pose.q)
-        poses.append(Pose(q, pose.covariance, pose.misfit, pose.explained))
+        poses.append(replace(pose, q=q))
         misfits.append(pose.misfit)
         if advance is not None:
             advance()

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_model.image_alignment.light import Light
-from keycld_model.image_alignment.scene import Scene, softened
+from keycld_model.image_alignment.scene import STEP, Scene, softened
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -42,12 +42,14 @@ class Pose:
         covariance: `[nq, nq]` from the curvature of the fit and the size of residuals, as if pixels were independent.
         misfit: robust standard deviation of the residuals where something moves, grey levels.
         explained: share of what differs from the scene without this motion that the pose explains, 1 at best.
+        uncertainty: standard deviation of the joint that the frame shows worst, as its links move in the image, pixels.
     """
 
     q: Array
     covariance: Array
     misfit: float
     explained: float
+    uncertainty: float
 
 
 def align(scene: Scene, look: Array, light: Light, frame: Image, still: Image, start: Array, near: bool) -> Pose:
@@ -82,11 +84,13 @@ class _Fit:
         self._scene, self._look, self._light, self._frame = scene, look, light, frame
         self._cost = np.inf
         self.q: Array = np.zeros(scene.model.nq)
-        self._drawn, self._covariance, self._misfit = frame, np.zeros((len(self.q), len(self.q))), np.inf
+        self._drawn, self._covariance = frame, np.zeros((len(self.q), len(self.q)))
+        self._misfit = self._uncertainty = np.inf
 
     def pose(self, still: Image) -> Pose:
         """The best one."""
-        return Pose(self.q, self._covariance, self._misfit, explained_share(self._frame, self._drawn, still))
+        share = explained_share(self._frame, self._drawn, still)
+        return Pose(self.q, self._covariance, self._misfit, share, self._uncertainty)
 
     def converge(self, q: Array, soft: float) -> float:
         """Steps of Gauss-Newton with one Jacobian, on images softened so far; returns the length of the last."""
@@ -112,7 +116,9 @@ class _Fit:
             cost = float(np.sum(np.minimum(np.abs(difference), SATURATED) ** 2))
             if cost < self._cost:
                 self._cost, self.q, self._drawn, self._misfit = cost, q, drawn, scale
-                self._covariance = scale**2 * np.linalg.inv(normal) * np.outer(steps, steps)
+                scaled = scale**2 * np.linalg.inv(normal)
+                self._covariance = scaled * np.outer(steps, steps)
+                self._uncertainty = STEP * (1 + soft) * float(np.sqrt(scaled.diagonal().max()))
             step = np.linalg.solve(normal, jacobian.T @ (weight * left))
             length = float(np.abs(step).max())
             step *= min(1.0, FAR / max(length, 1e-9))

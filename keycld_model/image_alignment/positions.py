@@ -29,6 +29,9 @@ FRAMES = 18
 """Frames that the look is fitted to."""
 TRUSTED = 0.5
 """Share of a frame's motion that its pose must explain; of others, positions are missing."""
+UNCERTAIN = 0.25
+"""Pixels; where a link is hidden, leaves the image or points at the camera, its joint is not known better, and
+positions are missing, too."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class Positions:
         recordings: with joint positions at the times of their frames, NaN where a frame does not tell.
         deviation: of each recording, `[T, nq]` standard deviations by the fits' curvature, rad or m.
         explained: of each recording, `[T]` the share of a frame's motion that its pose explains.
+        readable: of each recording, `[T]` whether positions could be read off a frame.
         parameters: of the look.
         values: `[p]` of them.
         value_deviation: `[p]` their standard deviations.
@@ -50,6 +54,7 @@ class Positions:
     recordings: tuple[Recording, ...]
     deviation: tuple[Array, ...]
     explained: tuple[Array, ...]
+    readable: tuple[NDArray[np.bool_], ...]
     parameters: tuple[LookParameter, ...]
     values: Array
     value_deviation: Array
@@ -60,7 +65,7 @@ class Positions:
     @property
     def trusted(self) -> float:
         """Share of all frames whose positions may be used."""
-        return float(np.mean(np.concatenate(self.explained) >= TRUSTED))
+        return float(np.mean(np.concatenate(self.readable)))
 
 
 def read_positions(
@@ -177,9 +182,10 @@ def _positions(
 ) -> Positions:
     """As recordings of joint positions."""
     explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
+    readable = tuple(np.array([p.explained >= TRUSTED and p.uncertainty <= UNCERTAIN for p in f]) for f in followed)
     out = []
-    for recording, times, poses, share in zip(recordings, films.times, followed, explained, strict=True):
-        q = np.where((share >= TRUSTED)[:, None], [pose.q for pose in poses], np.nan)
+    for recording, times, poses, good in zip(recordings, films.times, followed, readable, strict=True):
+        q = np.where(good[:, None], [pose.q for pose in poses], np.nan)
         units = tuple("m" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for kind in model.jnt_type)
         own = {key: unit for key, unit in recording.units.items() if key != "qvel"}
         names = tuple(model.joint(j).name for j in range(model.njnt))
@@ -188,5 +194,5 @@ def _positions(
         )
     deviation = tuple(np.sqrt([np.diag(pose.covariance) for pose in poses]) for poses in followed)
     return Positions(
-        tuple(out), deviation, explained, parameters, look.values, look.deviation, camera, films.size, error
+        tuple(out), deviation, explained, readable, parameters, look.values, look.deviation, camera, films.size, error
     )

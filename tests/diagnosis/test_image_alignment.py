@@ -105,7 +105,7 @@ def test_mistakes_get_one_sentence(tmp_path, capsys):
     bare = replace(run, frames=None, t_frame=None, **states)
     with pytest.raises(InputError, match="has 0 frames"):
         read_positions([bare], model)
-    small = replace(other, frames=other.frames[:, :32])
+    small = replace(other, frames=other.frames[:, :32], camera={**other.camera, "height": 32})
     with pytest.raises(InputError, match=r"frames of 64×32 pixels, but '0' of 64×64"):
         read_positions([run, small], model)
     with pytest.raises(InputError, match="no camera 'front'"):
