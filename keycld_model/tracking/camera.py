@@ -25,8 +25,8 @@ LEVER = 0.25
 """Spread of the marks, in half widths of the picture, below which a turn cannot be told from a shift."""
 MARKED, FEWEST = 5.0, 500
 """Gradients that stand out, in medians of all; how many pixels are used in any case."""
-CORRELATED = 30.0
-"""Pixels of compressed video that err alike."""
+CORRELATED = np.array([3000.0, 3000.0, 30.0, 30.0])
+"""How many pixels of compressed video err alike, over blocks and over frames; turns are the first to suffer."""
 STILL = 0.35
 """Working pixels by which the corners of the picture may seem to move under a camera that stands still."""
 
@@ -175,6 +175,12 @@ def _marks(strength: Array, number: int) -> NDArray[np.bool_]:
     return chosen if chosen.sum() >= FEWEST else strength >= np.partition(strength.ravel(), -FEWEST)[-FEWEST]
 
 
+def within(camera: Camera, area: tuple[slice, slice]) -> Camera:
+    """The same camera for coordinates of the picture inside black bars."""
+    origin = np.array([area[1].start, area[0].start], float)
+    return Camera(camera.linear, camera.shift - origin + camera.linear @ origin, camera.moves, camera.travel)
+
+
 class BackgroundAligner:
     """A reference image, to which others are aligned by a similarity about its centre."""
 
@@ -212,7 +218,7 @@ class BackgroundAligner:
             weight = np.clip(1 - (error / (4.7 * size)) ** 2, 0, None) ** 2
             jacobian = self.jacobian[there]
             weighted = jacobian * weight[:, None]
-            prior = CORRELATED * size**2 / np.array([*self.spread, STEP, STEP]) ** 2
+            prior = size**2 * CORRELATED / np.array([*self.spread, STEP, STEP]) ** 2
             normal = weighted.T @ jacobian + np.diag(prior)
             # the reference moves by the step, then by the present motion (inverse compositional)
             step = np.linalg.lstsq(normal, -weighted.T @ error - prior * (p - before), rcond=1e-10)[0]
