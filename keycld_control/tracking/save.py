@@ -55,7 +55,9 @@ def check_out(out: Path, video: Path) -> None:
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"--out: {out} exists; name a new folder.")
     if video.suffix.lower() not in VIDEO_SUFFIXES:
-        raise InputError(f"{video} ends in {video.suffix!r}; recordings keep {', '.join(VIDEO_SUFFIXES)}, so convert it.")
+        raise InputError(
+            f"{video} ends in {video.suffix!r}; recordings keep {', '.join(VIDEO_SUFFIXES)}, so convert it."
+        )
 
 
 def save(

@@ -62,7 +62,9 @@ def _of_study(track: Track, study: Study) -> dict[str, Any]:
         "angle_of_rest_mrad": 1e3 * study.rest,
         "dissipation": study.words,
         "named": None if study.named is None else list(study.named),
-        "parameters": {k: {"value": v, "low": lo, "high": hi, "unit": u} for k, (v, lo, hi, u) in study.parameters.items()},
+        "parameters": {
+            k: {"value": v, "low": lo, "high": hi, "unit": u} for k, (v, lo, hi, u) in study.parameters.items()
+        },
         "candidates": [
             {
                 "effects": list(c.terms),

@@ -158,7 +158,9 @@ class Aligner:
                 return start, np.full((3, 3), np.nan), np.inf, 0.0
             weight = self._weight(error, there)
             weighted = self.jacobian * weight[:, None]
-            normal = weighted.T @ self.jacobian + 1e-9 * np.diag((weighted * self.jacobian).sum(axis=0)) + 1e-12 * np.eye(5)
+            normal = (
+                weighted.T @ self.jacobian + 1e-9 * np.diag((weighted * self.jacobian).sum(axis=0)) + 1e-12 * np.eye(5)
+            )
             pull = np.array([(pose[0] - turned) / SWAY**2, 0, 0, 0, 0])
             step = np.linalg.solve(normal + prior, weighted.T @ np.where(there, error, 0) + pull)
             limit = min(1.0, 6.0 / max(np.hypot(*step[1:3]), abs(step[0]) * self.reach, 1e-9))

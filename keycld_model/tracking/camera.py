@@ -74,9 +74,7 @@ def picture_area(pixels: NDArray[np.uint8]) -> tuple[slice, slice]:
         whole = len(alive) == 0 or len(alive) < 0.2 * len(share)
         first, last = (0, len(share) - 1) if whole else (int(alive[0]), int(alive[-1]))
         margin = 3
-        slices.append(
-            slice(first + (margin if first else 0), last + 1 - (margin if last < len(share) - 1 else 0))
-        )
+        slices.append(slice(first + (margin if first else 0), last + 1 - (margin if last < len(share) - 1 else 0)))
     return slices[0], slices[1]
 
 

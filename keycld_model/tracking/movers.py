@@ -39,9 +39,7 @@ class Blobs:
     noise: float
 
 
-def find_blobs(
-    film: Film, camera: Camera, background: Array, area: tuple[slice, slice], advance: Advance
-) -> Blobs:
+def find_blobs(film: Film, camera: Camera, background: Array, area: tuple[slice, slice], advance: Advance) -> Blobs:
     """Threshold the difference from the background, frame by frame.
 
     Args:
@@ -52,7 +50,7 @@ def find_blobs(
         advance: a progress bar, one step per frame.
     """
     rows, columns = area
-    points = grid(*background.shape) + [columns.start, rows.start]
+    points = grid(*background.shape) + np.array([columns.start, rows.start], float)
     noise = _noise(film, camera, background, points)
     centres = np.full((len(film), MOST, 2), np.nan)
     energy = np.zeros((len(film), MOST))

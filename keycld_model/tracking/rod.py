@@ -33,9 +33,7 @@ class Rods:
     directions: Array
 
 
-def find_rods(
-    film: Film, camera: Camera, area: tuple[slice, slice], places: Array, pivot: Array, clear: float
-) -> Rods:
+def find_rods(film: Film, camera: Camera, area: tuple[slice, slice], places: Array, pivot: Array, clear: float) -> Rods:
     """Seek a line from the keypoint towards the pivot that is darker or brighter than what is beside it.
 
     Args:

@@ -61,7 +61,7 @@ def thickest(shape: Shape, away_from: Array | None = None) -> tuple[Array, float
 
     Args:
         shape: of a part.
-        away_from: [2] a point of the part, such as its pivot; of equally thick places, the one farthest from it is taken.
+        away_from: [2] a point of the part, such as its pivot; of equally thick places, the one farthest from it counts.
 
     Returns:
         [2] and working pixels.

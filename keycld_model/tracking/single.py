@@ -92,9 +92,7 @@ def follow(film: Film, camera: Camera, area: tuple[slice, slice], seed: int, adv
         if len(use) < 6:
             raise InputError(f"{film.path}: what moves does not keep its appearance; film it sharper, or slower.")
         where, covariance = part.places(keypoint)
-        pivot = fit_pivot(
-            where[use], covariance[use], found.values[use, 0], found.covariance[use, 0, 0], centre
-        )
+        pivot = fit_pivot(where[use], covariance[use], found.values[use, 0], found.covariance[use, 0, 0], centre)
         centre = pivot.centre
         if again < 2:
             poses = _redo(poses, found, use, centre)

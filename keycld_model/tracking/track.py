@@ -19,7 +19,7 @@ from keycld_model.tracking.tilt import Tilt, fit_tilt
 
 Array = NDArray[np.float64]
 SAME = 0.03
-"""Radii by which the centre of a circle and the meeting point of the rods may differ with the plane of motion parallel."""
+"""Radii by which the circle's centre and the meeting point of the rods may differ where the plane is parallel."""
 FLATTEST = 0.6
 """Ratio of axes below which an ellipse is not believed."""
 
@@ -92,7 +92,12 @@ def read(path: Path, mechanism: Mechanism, fps: float | None = None) -> Film:
     Raises:
         InputError: as `keycld_model.tracking.film.read_film`, and for a mechanism that cannot.
     """
-    if mechanism.sliders or len(mechanism.rods) != 1 or mechanism.num_keypoints != 1 or mechanism.rods[0].start is not None:
+    if (
+        mechanism.sliders
+        or len(mechanism.rods) != 1
+        or mechanism.num_keypoints != 1
+        or mechanism.rods[0].start is not None
+    ):
         raise InputError(
             "--mechanism: only one keypoint on one rod from the pivot can be followed in a video so far; declare "
             "Mechanism(num_keypoints=1, num_actions=0, rods=(Rod(None, 0),))."
@@ -147,8 +152,10 @@ def _tilted(places: Array, circle: Pivot, meeting: tuple[Array, Array, float] | 
     tilt = fit_tilt(seen, centre)
     if tilt is None or tilt.ratio < FLATTEST:
         return circle, None
-    middle = np.median(seen, axis=0)
-    radius = float(np.linalg.norm(middle - centre))
+    away = seen - centre
+    angles = np.unwrap(np.arctan2(away[:, 0], away[:, 1]))
+    aside = np.abs(angles - np.quantile(angles, (0.05, 0.95)).mean())
+    radius = float(np.median(np.linalg.norm(away, axis=1)[aside <= np.quantile(aside, 0.15)]))
     along = float(np.hypot(*deviation))
     return Pivot(centre, radius, np.array([*deviation, along]), circle.turning, tilt.off), tilt
 

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipk
+from scipy.stats import f
 
 from keycld_envs.progress import Advance
 from keycld_model.tracking.pendulum.fit import Fit, fit_motion, thinned
@@ -20,9 +21,8 @@ CANDIDATES = tuple(terms for n in range(3) for terms in combinations(TERMS, n))
 FEWEST_SWINGS = 6
 """Half swings below which nothing is said about damping."""
 DRAWS = 400
-GRAVITY = 9.81
 PROBABILITY = 0.95
-"""Share of resampled half swings in which a rival must predict worse to be excluded."""
+"""Of the F test by which a rival's held-out error excludes it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Candidate:
         terms: the effects.
         held_out: rad, root mean square error of predictions of what was not fitted, over all splits.
         fitted: rad, root mean square residual of the largest fitted share.
-        excluded: it predicts worse than the best, in `PROBABILITY` of the resampled half swings.
+        excluded: it predicts worse than the best, by more than chance.
         fit: to the whole video.
     """
 
@@ -80,7 +80,7 @@ def study_pendulum(times: Array, angles: Array, seed: int, advance: Advance) -> 
     Args:
         times: [T], s.
         angles: [T], rad from the picture's downward direction; NaN where missing.
-        seed: of resampling and draws.
+        seed: of draws.
         advance: a progress bar, one step per candidate.
 
     Returns:
@@ -105,9 +105,9 @@ def study_pendulum(times: Array, angles: Array, seed: int, advance: Advance) -> 
         advance()
     held_out = {terms: _rms(errors[terms]) for terms in CANDIDATES}
     order = sorted(CANDIDATES, key=lambda terms: held_out[terms])
-    worse = _worse(errors, order[0], clock, swings, rng)
+    bound = _chance(swings, clock) * held_out[order[0]] ** 2
     candidates = tuple(
-        Candidate(terms, held_out[terms], fitted[terms], worse[terms] > PROBABILITY, whole[terms]) for terms in order
+        Candidate(terms, held_out[terms], fitted[terms], held_out[terms] ** 2 > bound, whole[terms]) for terms in order
     )
     named, words = verdict(candidates)
     best = next((c for c in candidates if named is not None and set(c.terms) == set(named)), candidates[0])
@@ -136,7 +136,9 @@ def verdict(candidates: Sequence[Candidate]) -> tuple[tuple[str, ...] | None, st
     if len(simplest) == 1:
         name = _named(simplest[0].terms)
         larger = [c for c in left if len(c.terms) > fewest]
-        beside = f"; {' and '.join(_named(c.terms) for c in larger)} predict as well, with one effect more" if larger else ""
+        beside = (
+            f"; {' and '.join(_named(c.terms) for c in larger)} predict as well, with one effect more" if larger else ""
+        )
         return simplest[0].terms, f"The dissipation is {name}{beside}."
     choices = ", ".join(_named(c.terms) for c in simplest)
     return None, f"The dissipation cannot be determined: {choices} predict this video equally well."
@@ -155,16 +157,16 @@ def half_swings(times: Array, angles: Array) -> Array:
     rest = _rest(angles)
     away = angles - rest
     size = float(np.quantile(np.abs(away), 0.9))
-    state, crossings = 0, []
+    crossings: list[float] = []
     for i in range(1, len(away)):
         if away[i - 1] < 0 <= away[i] or away[i - 1] >= 0 > away[i]:
             crossings.append(times[i - 1] - away[i - 1] * (times[i] - times[i - 1]) / (away[i] - away[i - 1]))
     rows = []
-    for first, last in zip(crossings[:-1], crossings[1:], strict=True):
+    for first, last in pairwise(crossings):
         inside = (times > first) & (times < last)
         if inside.sum() >= 3:
             top = float(np.abs(away[inside]).max())
-            if top > 0.02 * size + state:
+            if top > 0.02 * size:
                 rows.append([(first + last) / 2, top, 2 * (last - first)])
     return np.array(rows).reshape(-1, 3)
 
@@ -207,22 +209,13 @@ def _rms(errors: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean([np.mean(e**2) for e in errors])))
 
 
-def _worse(
-    errors: dict[tuple[str, ...], list[Array]], best: tuple[str, ...], times: Array, swings: Array,
-    rng: np.random.Generator,
-) -> dict[tuple[str, ...], float]:  # fmt: skip
-    """Share of resampled half swings in which each candidate predicts worse than the best."""
-    sums: dict[tuple[str, ...], Array] = {}
-    edges = swings[:, 0]
-    for terms, missed in errors.items():
-        rows = np.zeros((len(missed), len(edges) + 1))
-        for i, error in enumerate(missed):
-            block = np.searchsorted(edges, times[-len(error) :])
-            rows[i] = np.bincount(block, error**2, minlength=len(edges) + 1)
-        sums[terms] = rows.sum(axis=0)
-    used = np.flatnonzero(sums[best] > 0)
-    draws = rng.choice(used, (2000, len(used)))
-    return {terms: float(np.mean((total - sums[best])[draws].sum(axis=1) > 0)) for terms, total in sums.items()}
+def _chance(swings: Array, times: Array) -> float:
+    """Factor by which mean squared errors of the held-out half swings may differ by chance.
+
+    What no candidate explains is larger than noise, and lasts: a half swing counts as one, an F test compares.
+    """
+    number = int((swings[:, 0] > times[round(SPLITS[0] * len(times))]).sum())
+    return float(f.ppf(PROBABILITY, max(2, number), max(2, number)))
 
 
 def _period(fit: Fit) -> tuple[float, float, float]:
