@@ -53,9 +53,7 @@ def draw_frame(frame: NDArray[np.uint8], track: Track, study: Study | None, t: i
         else:
             draw.text((8, 8), "not found", fill=LOST, font_size=round(14 * unit))
     if study is not None and track.film.times[t] >= study.split:
-        angle = study.prediction[t]
-        pixel = track.pivot[t] + track.lengths[0] * np.array([np.sin(angle), np.cos(angle)])
-        _ring(draw, (pixel + 0.5) * scale, 8 * unit, PREDICTED, 2 * unit)
+        _ring(draw, (track.pixel(t, float(study.prediction[t])) + 0.5) * scale, 8 * unit, PREDICTED, 2 * unit)
     return np.asarray(image)
 
 

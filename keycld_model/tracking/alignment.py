@@ -1,6 +1,6 @@
 """Alignment of a moving part's appearance: its pose in each frame by inverse-compositional Gauss-Newton."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,8 @@ def average(view: View, frames: NDArray[np.intp], poses: Array, shape: "Shape") 
         shape: the region of the part.
     """
     stack = np.stack([view(t, place(poses[t], shape.grid)) for t in frames])
+    there = np.isfinite(stack[:, shape.mask]).any(axis=1)
+    stack = stack[there]
     light = np.nanmedian(stack[:, shape.mask], axis=1)
     stack = stack - (light - np.nanmedian(light))[:, None, None] if np.isfinite(light).all() else stack
     known = np.isfinite(stack).sum(axis=0)
@@ -102,7 +104,7 @@ def average(view: View, frames: NDArray[np.intp], poses: Array, shape: "Shape") 
     mean = np.nansum(stack, axis=0) / total
     variance = np.nansum((stack - mean) ** 2, axis=0) / np.maximum(total - 1, 1)
     gradient = np.stack([np.gradient(mean, axis=1), np.gradient(mean, axis=0)], axis=-1)
-    usable = shape.window & (known >= max(3, 0.3 * len(frames)))
+    usable = shape.window & (known >= max(3, 0.3 * len(stack)))
     inner = float(np.median(variance[usable])) if usable.any() else 1.0
     precision = 1 / (variance + 0.25 * inner + 0.5)
     return Appearance(shape.grid[usable], mean[usable], precision[usable], gradient[usable], shape.mask[usable])
@@ -204,8 +206,3 @@ class Aligner:
     def _compose(pose: Array, step: Array) -> Array:
         """The pose after a small motion `step` in the part's own coordinates."""
         return np.array([pose[0] + step[0], *(pose[1:] + turn(pose[0]) @ step[1:])])
-
-
-def with_calibration(poses: Poses, factor: float) -> Poses:
-    """Covariances times a factor."""
-    return replace(poses, covariance=poses.covariance * factor)

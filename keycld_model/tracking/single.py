@@ -1,13 +1,13 @@
 """One part that turns about a fixed pivot."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.progress import Advance
-from keycld_model.tracking.alignment import Aligner, Poses, View, average, place, turn
+from keycld_model.tracking.alignment import Aligner, Poses, View, average, turn
 from keycld_model.tracking.camera import Camera, diverse_frames, median_picture, within
 from keycld_model.tracking.film import Film
 from keycld_model.tracking.movers import CONTRAST, find_blobs, find_circle
@@ -140,21 +140,16 @@ def _good(poses: Poses) -> NDArray[np.bool_]:
 
 
 def _redo(poses: Array, found: Poses, use: NDArray[np.intp], centre: Array) -> Array:
-    """Poses of all frames: those found, and between them turns about the pivot."""
-    offsets = found.values[use, 0] - poses[use, 0]
+    """Poses of all frames: places where the part was found, turned as they lie about the pivot; turns between them."""
+    away = found.values[use, 1:] - centre
+    angles = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+    zero = np.angle(np.mean(np.exp(1j * (angles - poses[use, 0]))))
+    # whole turns between frames in use are those of the earlier poses
+    angles += 2 * np.pi * np.round((poses[use, 0] + zero - angles) / (2 * np.pi))
     redone = poses.copy()
-    redone[:, 0] += np.interp(np.arange(len(poses)), use, offsets)
-    body = np.median(
-        np.stack([turn(-v[0]) @ (centre - v[1:]) for v in found.values[use]]), axis=0
-    )  # the pivot in the part's coordinates
+    redone[:, 0] += np.interp(np.arange(len(poses)), use, angles - zero - poses[use, 0])
+    backwards = turn(-redone[use, 0])
+    body = np.median(np.einsum("tij,tj->ti", backwards, -away), axis=0)  # the pivot in the part's coordinates
     redone[:, 1:] = centre - np.einsum("tij,j->ti", turn(redone[:, 0]), body)
-    redone[use] = found.values[use]
+    redone[use, 1:] = found.values[use, 1:]
     return redone
-
-
-def merge(part: Part, lost: NDArray[np.bool_]) -> Part:
-    """The part with some frames marked as not seen."""
-    return replace(part, seen=part.seen & ~lost)
-
-
-__all__ = ["Part", "align_all", "follow", "merge", "place"]

@@ -49,6 +49,7 @@ class Track:
         camera_travel: pixels, the largest way of a corner of the picture; 0 for a camera at rest.
         tilt: shorter over longer axis of the ellipse on which the keypoint moves, where the plane of motion is not
             parallel to the picture; 1 where it is, or no rod is seen that could tell.
+        spokes: [2, 2], pixels: of the direction (sin, cos) of an angle, the way from the pivot to the keypoint.
         circle_pivot: [2], pixels, the pivot if the motion were a circle in the picture.
         rods_seen: frames in which the direction of the rod was measured.
         repeated: number of frames that copy the one before during motion, which count as missing.
@@ -71,9 +72,14 @@ class Track:
     off_circle: float
     camera_travel: float
     tilt: float
+    spokes: Array
     circle_pivot: Array
     rods_seen: int
     repeated: int
+
+    def pixel(self, t: int, angle: float) -> Array:
+        """Where the keypoint would be in frame t at an angle, rad; [2], pixels."""
+        return self.pivot[t] + self.spokes @ np.array([np.sin(angle), np.cos(angle)])
 
     @property
     def found(self) -> NDArray[np.bool_]:
@@ -166,6 +172,7 @@ def _assemble(
     """Everything in pixels of the video, calibrated."""
     pivot = found.pivot
     stretch = np.eye(2) if found.tilt is None else found.tilt.stretch
+    spokes = np.linalg.inv(stretch) * (pivot.radius if found.tilt is None else found.tilt.radius)
     noise = np.array([scatter(film.times, column)[1] for column in places.T])
     expected = np.nanmedian(np.einsum("tii->ti", covariance), axis=0)
     measured = np.nan_to_num(noise) ** 2
@@ -181,12 +188,28 @@ def _assemble(
     covariance = np.einsum("tij,tjk,tlk->til", camera.linear, covariance, camera.linear)
     s = film.scale
     return Track(
-        film, mechanism, film.to_video(in_frames)[:, None], s**2 * covariance[:, None], film.to_video(centres),
-        angles[:, None], deviation[:, None], s * np.array([pivot.radius]), s * pivot.deviation[2:], s * pivot.deviation[:2],
-        s * noise[None], np.array([scatter(film.times, angles)[1]]), inflation, pivot.turning, s * pivot.off,
-        s * float(camera.travel.max()) if camera.moves else 0.0, 1.0 if found.tilt is None else found.tilt.ratio,
-        film.to_video(found.circle.centre), found.rods_seen, int(found.copies.sum()),
-    )  # fmt: skip
+        film=film,
+        mechanism=mechanism,
+        keypoints=film.to_video(in_frames)[:, None],
+        covariance=s**2 * covariance[:, None],
+        pivot=film.to_video(centres),
+        angles=angles[:, None],
+        deviation=deviation[:, None],
+        lengths=s * np.array([pivot.radius]),
+        length_deviation=s * pivot.deviation[2:],
+        pivot_deviation=s * pivot.deviation[:2],
+        noise=s * noise[None],
+        angle_noise=np.array([scatter(film.times, angles)[1]]),
+        inflation=inflation,
+        turning=pivot.turning,
+        off_circle=s * pivot.off,
+        camera_travel=s * float(camera.travel.max()) if camera.moves else 0.0,
+        tilt=1.0 if found.tilt is None else found.tilt.ratio,
+        spokes=s * spokes,
+        circle_pivot=film.to_video(found.circle.centre),
+        rods_seen=found.rods_seen,
+        repeated=int(found.copies.sum()),
+    )
 
 
 def _unwrapped(angles: Array, times: Array) -> Array:
