@@ -213,15 +213,14 @@ def _assemble(
 
 
 def _unwrapped(angles: Array, times: Array) -> Array:
-    """Angles without jumps of whole turns, across gaps by the speed before them."""
+    """Angles without jumps of whole turns: from frame to frame by less than half a turn, across gaps by their speed."""
     result = angles.copy()
     known = np.flatnonzero(np.isfinite(angles))
     for n, i in enumerate(known[1:], 1):
         before = known[n - 1]
         expected = result[before]
-        if n > 1:
-            first = known[n - 2]
-            speed = (result[before] - result[first]) / (times[before] - times[first])
+        if i > before + 1 and n > 1 and known[n - 2] == before - 1:
+            speed = (result[before] - result[before - 1]) / (times[before] - times[before - 1])
             expected += speed * (times[i] - times[before])
         result[i] = angles[i] + 2 * np.pi * np.round((expected - angles[i]) / (2 * np.pi))
     return result

@@ -9,6 +9,7 @@ from keycld_model.tracking.pendulum import study_pendulum
 from keycld_model.tracking.pendulum.motion import Motion
 from keycld_model.tracking.pendulum.study import half_swings
 from keycld_model.tracking.scatter import scatter
+from keycld_model.tracking.track import _unwrapped
 
 
 def test_period_of_large_swings_is_the_elliptic_integral():
@@ -45,3 +46,19 @@ def test_a_short_noisy_swing_names_nothing():
     angles = swing(times, ("viscous_friction",), (0.02,)) + np.random.default_rng(2).normal(0, 2e-2, 150)
     study = study_pendulum(times, angles, 0, lambda *_: None)
     assert study is None or study.named in (None, ())
+
+
+def test_angles_are_unwrapped_from_frame_to_frame_and_across_gaps():
+    times = np.arange(60) / 30
+    turning = 12 * times + 0.5 * np.sin(9 * times)
+    wrapped = np.angle(np.exp(1j * turning))
+    wrapped[20:26] = np.nan
+    found = _unwrapped(wrapped, times)
+    known = np.isfinite(found)
+    assert known.sum() == 54 and np.allclose(found[known], turning[known])
+
+
+def test_one_wrong_angle_does_not_turn_the_others():
+    times, angles = np.arange(40) / 30, np.zeros(40)
+    angles[10] = 3.1
+    assert np.abs(_unwrapped(angles, times)).max() < 3.2
