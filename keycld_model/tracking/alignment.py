@@ -16,6 +16,10 @@ SMOOTH = 0.8
 """Width of the filter against noise of pixels, working pixels."""
 SWAY = 0.1
 """rad by which a part may be turned otherwise than its place on the circle tells."""
+LIGHT = np.array([25.0, 0.25])
+"""Grey levels, and share of the contrast, by which the light on a part may change: else nothing could pass for it."""
+SOUGHT = 400
+"""Pixels of a part by which it is sought."""
 TUKEY = 5.0
 """Scatter beyond which a pixel does not count (covered, or a highlight)."""
 
@@ -167,7 +171,7 @@ class Aligner:
             step = np.linalg.solve(normal + prior, weighted.T @ np.where(there, error, 0) + pull)
             limit = min(1.0, 6.0 / max(np.hypot(*step[1:3]), abs(step[0]) * self.reach, 1e-9))
             pose = self._compose(pose, -limit * step[:3])
-            light = light + step[3:]
+            light = np.clip(light + step[3:], -LIGHT, LIGHT)
             if np.hypot(*step[1:3]) < 0.002 and abs(step[0]) * self.reach < 0.002:
                 break
         error, there = self._error(t, pose, light)
@@ -187,8 +191,20 @@ class Aligner:
         error, there = self._error(t, pose, np.zeros(2))
         if there.sum() < 0.3 * len(there):
             return np.inf
-        error = error - np.median(error[there])
+        error = error - np.clip(np.median(error[there]), -LIGHT[0], LIGHT[0])
         return float(np.minimum(error[there] ** 2 * self.look.precision[there], TUKEY**2).mean())
+
+    def search(self, t: int, poses: Array) -> Array:
+        """The one of many poses [n, 3] that fits a frame best, judged by a few pixels."""
+        some = slice(None, None, max(1, len(self.look.points) // SOUGHT))
+        points, values, precision = self.look.points[some], self.look.values[some], self.look.precision[some]
+        where = np.einsum("nij,kj->nki", turn(poses[:, 0]), points) + poses[:, None, 1:]
+        error = self.view(t, where) - values
+        there = np.isfinite(error)
+        error = np.where(there, error, 0)
+        error -= np.clip(error.sum(axis=1) / np.maximum(1, there.sum(axis=1)), -LIGHT[0], LIGHT[0])[:, None]
+        cost = (np.minimum(error**2 * precision, TUKEY**2) * there).sum(axis=1) / np.maximum(1, there.sum(axis=1))
+        return poses[np.argmin(np.where(there.mean(axis=1) > 0.5, cost, np.inf))]
 
     def _error(self, t: int, pose: Array, light: Array) -> tuple[Array, NDArray[np.bool_]]:
         values = self.view(t, place(pose, self.look.points))

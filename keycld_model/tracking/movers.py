@@ -20,6 +20,8 @@ MOST = 6
 """Blobs of a frame that are looked at, the strongest."""
 SIDE, FRAMES = 320, 400
 """Pixels of the longer side, and frames, in which blobs are sought; what they are for is a first guess."""
+CELL = 4.0
+"""Working pixels of a place."""
 CIRCLES = 4000
 """Triples of blobs that are tried for a circle."""
 
@@ -103,6 +105,8 @@ def find_circle(blobs: Blobs, shape: tuple[int, int], rng: np.random.Generator) 
     if len(np.unique(t)) < 6:
         return None
     places, weight = blobs.centres[t, n], blobs.energy[t, n]
+    cells, counts = np.unique(np.rint(places / CELL), axis=0, return_inverse=True, return_counts=True)[1:]
+    weight = weight / counts[cells.ravel()]  # a place where something rests counts once
     chance = weight / weight.sum()
     triples = places[rng.choice(len(t), (CIRCLES, 3), p=chance)]
     centres, radii = _circles(triples)

@@ -86,7 +86,8 @@ def follow(film: Film, camera: Camera, area: tuple[slice, slice], seed: int, adv
         look = average(view, frames, poses, shape)
         aligner = Aligner(view, look)
         chosen = np.arange(len(film)) if again == 2 else frames
-        found = align_all(aligner, chosen, poses, advance if again == 2 else None)
+        orbit = _orbit(poses[frames], centre, thickness)
+        found = align_all(aligner, chosen, poses, orbit, advance if again == 2 else None)
         part = Part(found, keypoint, thickness, _good(found), look.points[look.mask])
         use = chosen[part.seen[chosen]]
         if len(use) < 6:
@@ -101,19 +102,27 @@ def follow(film: Film, camera: Camera, area: tuple[slice, slice], seed: int, adv
     return part, pivot
 
 
-def align_all(aligner: Aligner, frames: NDArray[np.intp], guess: Array, advance: Advance | None) -> Poses:
-    """Align a part to frames, from the better of a guess and of what the frames before let expect."""
+def align_all(aligner: Aligner, frames: NDArray[np.intp], guess: Array, orbit: Array, advance: Advance | None) -> Poses:
+    """Align a part to frames, from the best of a guess, of what the frames before let expect, and of all its orbit.
+
+    Args:
+        aligner: of the part.
+        frames: [n], indices.
+        guess: [T, 3], poses.
+        orbit: [m, 3], poses all around the pivot.
+        advance: a progress bar, two steps per frame.
+    """
     count = len(guess)
     values = np.full((count, 3), np.nan)
     covariance, misfit, seen = np.full((count, 3, 3), np.nan), np.full(count, np.inf), np.zeros(count)
     trail: list[Array] = []
     for t in frames:
-        starts = [guess[t]]
+        starts = [guess[t], aligner.search(t, orbit)]
         if len(frames) == count and trail:
             starts.append(np.array([guess[t, 0], *trail[-1][1:]]))
             starts += [np.array([guess[t, 0], *(2 * trail[-1] - trail[-2])[1:]])] if len(trail) > 1 else []
         start = min(starts, key=lambda p: aligner.cost(t, p))
-        values[t], covariance[t], misfit[t], seen[t] = aligner.align(t, start, guess[t, 0])
+        values[t], covariance[t], misfit[t], seen[t] = aligner.align(t, start, start[0])
         trail = [*trail[-1:], values[t]]
         if advance is not None:
             advance(2)
@@ -137,6 +146,14 @@ def _good(poses: Poses) -> NDArray[np.bool_]:
     known = np.isfinite(poses.values[:, 0])
     usual = float(np.median(poses.misfit[known & np.isfinite(poses.misfit)]))
     return known & (poses.seen > SEEN) & (poses.misfit < 4 * max(usual, 0.5))
+
+
+def _orbit(poses: Array, centre: Array, thickness: float) -> Array:
+    """Poses all around the pivot, half a thickness from one to the next, [m, 3]."""
+    body = np.median(np.einsum("tij,tj->ti", turn(-poses[:, 0]), centre - poses[:, 1:]), axis=0)
+    number = int(np.clip(4 * np.pi * np.linalg.norm(body) / max(thickness, 1.0), 24, 600))
+    turns = np.arange(number) * 2 * np.pi / number
+    return np.column_stack([turns, centre - turn(turns) @ body])
 
 
 def _redo(poses: Array, found: Poses, use: NDArray[np.intp], centre: Array) -> Array:
