@@ -61,4 +61,5 @@ def run(args: Args) -> None:
     recording = recording_of(found, args.out.name, args.licence, args.origin)
     with progress("Writing", total=len(film)) as advance:
         save(args.out, recording, found, study, numbers, advance)
-    print_result({"recording": args.out, **numbers}, as_json=args.json)
+    shown = {name: value for name, value in numbers.items() if args.json or name != "candidates"}
+    print_result({"recording": args.out, **shown}, as_json=args.json)

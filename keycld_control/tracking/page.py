@@ -33,7 +33,11 @@ def html_page(track: Track, study: Study | None, numbers: Mapping[str, Any], str
         numbers: by `keycld_control.tracking.summary.summary`.
         strip: [h, w, 3] uint8 pictures with the track drawn over them.
     """
-    rows = [(name.replace("_", " "), _text(value)) for name, value in numbers.items() if name != "candidates"]
+    rows = [
+        (name.replace("_", " "), _text(value))
+        for name, value in numbers.items()
+        if name not in ("candidates", "doubts")
+    ]
     plots = [_plot(_angles(track, study))]
     if study is not None:
         plots.append(_plot(_periods(study)))
@@ -42,6 +46,7 @@ def html_page(track: Track, study: Study | None, numbers: Mapping[str, Any], str
         plotly=Markup(get_plotlyjs()),
         name=track.film.path.name,
         verdict=numbers["dissipation"],
+        doubts=numbers["doubts"],
         rows=rows,
         candidates=numbers.get("candidates", []),
         plots=plots,

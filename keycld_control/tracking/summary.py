@@ -9,6 +9,9 @@ from keycld_model.tracking import Track
 from keycld_model.tracking.pendulum import Study
 
 GRAVITY = 9.81
+MOST, ROUND, VAGUE, INFLATED, UNEXPLAINED = 0.8, 0.01, 0.03, 30.0, 10.0
+"""What raises a doubt: share of frames, lengths off the circle, lengths of the pivot's deviation, inflation of covariances,
+and held-out error in noises of a frame."""
 
 
 def summary(track: Track, study: Study | None, driven: bool) -> dict[str, Any]:
@@ -44,6 +47,7 @@ def summary(track: Track, study: Study | None, driven: bool) -> dict[str, Any]:
         "turning_mrad": 1e3 * track.turning,
         "amplitude_rad": float(np.nanquantile(track.angles[:, 0], 0.99) - np.nanquantile(track.angles[:, 0], 0.01)) / 2,
     }
+    result["doubts"] = doubts(track, study)
     if driven:
         result["dissipation"] = "It cannot be determined without the torque of the motor."
         return result
@@ -51,6 +55,26 @@ def summary(track: Track, study: Study | None, driven: bool) -> dict[str, Any]:
         result["dissipation"] = "It cannot be determined: the motion is no free swing of at least three periods."
         return result
     return result | _of_study(track, study)
+
+
+def doubts(track: Track, study: Study | None) -> list[str]:
+    """What speaks against a track, in sentences; nothing if nothing does."""
+    found, length = track.found.mean(), float(track.lengths[0])
+    result = []
+    if found < MOST:
+        result.append(f"The part was found in only {100 * found:.0f} % of the frames.")
+    if track.off_circle > ROUND * length:
+        result.append(f"The keypoint is {track.off_circle:.1f} px off its circle: pivot and angles may be wrong.")
+    if float(np.hypot(*track.pivot_deviation)) > VAGUE * length:
+        result.append(f"The pivot is known to {np.hypot(*track.pivot_deviation):.0f} px only.")
+    if track.inflation > INFLATED:
+        result.append("The track scatters far more than its fit lets expect: it may have lost the part at times.")
+    if study is not None and study.candidates[0].held_out > UNEXPLAINED * track.angle_noise[0]:
+        result.append(
+            f"No dissipation predicts to within noise: {1e3 * study.candidates[0].held_out:.1f} mrad are off where one "
+            f"frame scatters by {1e3 * track.angle_noise[0]:.2f} mrad."
+        )
+    return result
 
 
 def _of_study(track: Track, study: Study) -> dict[str, Any]:
