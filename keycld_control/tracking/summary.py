@@ -10,8 +10,8 @@ from keycld_model.tracking.pendulum import Study
 
 GRAVITY = 9.81
 MOST, ROUND, VAGUE, INFLATED, UNEXPLAINED = 0.8, 0.01, 0.03, 30.0, 10.0
-"""What raises a doubt: share of frames, lengths off the circle, lengths of the pivot's deviation, inflation of covariances,
-and held-out error in noises of a frame."""
+"""What raises a doubt: share of frames, lengths off the circle, lengths of the pivot's deviation, inflation of
+covariances, and held-out error in noises of a frame."""
 
 
 def summary(track: Track, study: Study | None, driven: bool) -> dict[str, Any]:
