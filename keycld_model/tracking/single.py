@@ -17,6 +17,8 @@ from keycld_model.tracking.shape import find_shape, thickest
 Array = NDArray[np.float64]
 LEARN = 60
 """Frames from which a part's appearance is learned."""
+LEAST_WAY = 2.0
+"""Working pixels by which a part must move."""
 SEEN = 0.45
 """Share of a part that must be seen for its place to count."""
 
@@ -99,6 +101,7 @@ def follow(film: Film, camera: Camera, area: tuple[slice, slice], seed: int, adv
             poses = _redo(poses, found, use, centre)
             frames = use
     assert part is not None and pivot is not None
+    _check_moved(film, part)
     return part, pivot
 
 
@@ -127,6 +130,20 @@ def align_all(aligner: Aligner, frames: NDArray[np.intp], guess: Array, orbit: A
         if advance is not None:
             advance(2)
     return Poses(values, covariance, misfit, seen)
+
+
+def _check_moved(film: Film, part: Part) -> None:
+    """Refuse a part that hardly moves: what was taken for one is noise, or light.
+
+    Raises:
+        InputError: if its places lie closer than `LEAST_WAY`.
+    """
+    where = part.places(part.keypoint)[0][part.seen]
+    way = float(np.hypot(*np.ptp(where, axis=0)))
+    if way < LEAST_WAY:
+        raise InputError(
+            f"{film.path}: nothing moves by more than {way * film.scale:.1f} pixels; film the mechanism while it swings."
+        )
 
 
 def _first_angles(times: Array, centres: Array, member: NDArray[np.intp], centre: Array) -> Array:
