@@ -170,7 +170,7 @@ class Aligner:
             pull = np.array([(pose[0] - turned) / SWAY**2, 0, 0, 0, 0])
             step = np.linalg.solve(normal + prior, weighted.T @ np.where(there, error, 0) + pull)
             limit = min(1.0, 6.0 / max(np.hypot(*step[1:3]), abs(step[0]) * self.reach, 1e-9))
-            pose = self._compose(pose, -limit * step[:3])
+            pose = self._compose(pose, np.asarray(-limit * step[:3], float))
             light = np.clip(light + step[3:], -LIGHT, LIGHT)
             if np.hypot(*step[1:3]) < 0.002 and abs(step[0]) * self.reach < 0.002:
                 break

@@ -204,7 +204,8 @@ class BackgroundAligner:
 
     def align(self, image: Array, start: Array) -> Array:
         """Zoom - 1, turn and shift (a, b, x, y) under which the reference becomes `image`."""
-        p, before = start.copy(), start * [0, 0, 1, 1]
+        p: Array = start.copy()
+        before = start * np.array([0.0, 0.0, 1.0, 1.0])
         for _ in range(ITERATIONS):
             linear = np.array([[1 + p[0], -p[1]], [p[1], 1 + p[0]]])
             error = bilinear(image, self.points @ linear.T + self.centre + p[2:]) - self.values
@@ -221,7 +222,7 @@ class BackgroundAligner:
             # the reference moves by the step, then by the present motion (inverse compositional)
             step = np.linalg.lstsq(normal, -weighted.T @ error - prior * (p - before), rcond=1e-10)[0]
             shift = linear @ step[2:]
-            p = p + np.array([*(linear @ step[:2]), *shift])
-            if np.abs(step * [200, 200, 1, 1]).max() < 0.01:
+            p = p + np.concatenate([linear @ step[:2], shift])
+            if np.abs(step * np.array([200.0, 200.0, 1.0, 1.0])).max() < 0.01:
                 break
         return p

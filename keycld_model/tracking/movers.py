@@ -9,7 +9,7 @@ from scipy import ndimage
 from keycld_envs.progress import Advance
 from keycld_model.tracking.camera import Camera
 from keycld_model.tracking.film import Film
-from keycld_model.tracking.sampling import bilinear, grid
+from keycld_model.tracking.sampling import bilinear, connected, grid
 
 Array = NDArray[np.float64]
 CONTRAST = 5.0
@@ -61,7 +61,7 @@ def find_blobs(film: Film, camera: Camera, background: Array, area: tuple[slice,
     coarse = points[::step, ::step]
     for t in range(0, len(film), max(1, len(film) // FRAMES)):
         away = difference(film, camera, blurred, coarse, t, 0.5 * step)
-        labels, number = ndimage.label(away > CONTRAST * noise)
+        labels, number = connected(away > CONTRAST * noise)
         if number:
             index = np.arange(1, number + 1)
             size = ndimage.sum_labels(np.ones_like(away), labels, index)
@@ -90,7 +90,9 @@ def _noise(film: Film, camera: Camera, background: Array, points: Array) -> floa
     return float(np.median([1.4826 * np.median(difference(film, camera, background, points, t)) for t in some])) + 0.3
 
 
-def find_circle(blobs: Blobs, shape: tuple[int, int], rng: np.random.Generator) -> tuple[Array, float, Array] | None:
+def find_circle(
+    blobs: Blobs, shape: tuple[int, int], rng: np.random.Generator
+) -> tuple[Array, float, NDArray[np.intp]] | None:
     """The circle on which most energy moves, by random triples of blobs of different frames.
 
     Args:

@@ -60,11 +60,11 @@ def fit_pivot(points: Array, covariance: Array, turns: Array, turn_variance: Arr
 
     away = points - start
     offset = np.angle(np.mean(np.exp(1j * (np.arctan2(away[:, 1], away[:, 0]) - turns))))
-    p = np.array([*start, np.median(np.linalg.norm(away, axis=1)), offset])
+    p: Array = np.array([*start, float(np.median(np.linalg.norm(away, axis=1))), float(offset)])
     fit = None
     for _ in range(4):
         fit = least_squares(residuals, p, loss="soft_l1", x_scale=[*3 * [10.0], 0.01])
-        p = fit.x
+        p = np.asarray(fit.x, float)
         off, along, around, _ = parts(p)
         sway = max(1e-4, 1.4826 * float(np.median(np.abs(around))))
         scale = max(1.0, (1.4826 * float(np.median(np.abs(off / np.sqrt(along))))) ** 2)

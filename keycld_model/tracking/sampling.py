@@ -1,9 +1,10 @@
 """Values of an image between its pixels."""
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 Array = NDArray[np.float64]
 
@@ -36,3 +37,19 @@ def bilinear(image: NDArray[Any], points: Array, fill: float = np.nan) -> Array:
 def grid(height: int, width: int) -> Array:
     """Column and row of each pixel, [height, width, 2]."""
     return np.stack(np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float)), axis=-1)
+
+
+def connected(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], int]:
+    """Connected parts of a mask: [h, w] with 1 to n in them and 0 elsewhere, and n."""
+    labels, number = cast(tuple[NDArray[np.intp], int], ndimage.label(mask))
+    return labels, int(number)
+
+
+def grown(mask: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
+    """A mask and its neighbours up to a number of steps along rows and columns."""
+    return cast(NDArray[np.bool_], ndimage.binary_dilation(mask, iterations=steps))
+
+
+def depth(mask: NDArray[np.bool_]) -> Array:
+    """Distance of each pixel of a mask from the nearest one outside it, [h, w], pixels."""
+    return cast(Array, ndimage.distance_transform_edt(np.pad(mask, 1)))[1:-1, 1:-1]

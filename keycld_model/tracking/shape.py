@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from keycld_envs.errors import InputError
 from keycld_model.tracking.alignment import Shape, View, place
-from keycld_model.tracking.sampling import bilinear, grid
+from keycld_model.tracking.sampling import bilinear, connected, depth, grid, grown
 
 Array = NDArray[np.float64]
 OFTEN = 0.6
@@ -42,7 +42,7 @@ def find_shape(
         known += there
         differs += there & (np.abs(np.where(there, away, 0)) > threshold)
     mask = (differs > OFTEN * known) & (known >= max(3, 0.25 * len(frames)))
-    labels, number = ndimage.label(mask)
+    labels, number = connected(mask)
     if not number:
         raise InputError(
             f"{view.film.path}: nothing keeps its appearance while it turns about a pivot; film against a plain "
@@ -50,10 +50,10 @@ def find_shape(
         )
     sizes = ndimage.sum_labels(mask, labels, np.arange(1, number + 1))
     mask = labels == 1 + int(np.argmax(sizes))
-    rows, columns = np.nonzero(ndimage.binary_dilation(mask, iterations=RIM + 1))
+    rows, columns = np.nonzero(grown(mask, RIM + 1))
     cut = slice(max(0, rows.min()), rows.max() + 1), slice(max(0, columns.min()), columns.max() + 1)
     mask = mask[cut]
-    return Shape(points[cut], mask, ndimage.binary_dilation(mask, iterations=RIM))
+    return Shape(points[cut], mask, grown(mask, RIM))
 
 
 def thickest(shape: Shape, away_from: Array | None = None) -> tuple[Array, float]:
@@ -66,16 +66,16 @@ def thickest(shape: Shape, away_from: Array | None = None) -> tuple[Array, float
     Returns:
         [2] and working pixels.
     """
-    depth = ndimage.distance_transform_edt(np.pad(shape.mask, 1))[1:-1, 1:-1]
-    radius = float(depth.max())
-    core = depth >= 0.6 * radius
-    labels, number = ndimage.label(core)
+    deep = depth(shape.mask)
+    radius = float(deep.max())
+    core = deep >= 0.6 * radius
+    labels, number = connected(core)
     middle = np.array([shape.grid[labels == n].mean(axis=0) for n in range(1, number + 1)])
     if away_from is None:
-        deepest = [depth[labels == n].max() for n in range(1, number + 1)]
+        deepest = [deep[labels == n].max() for n in range(1, number + 1)]
         best = 1 + int(np.argmax(deepest))
     else:
-        thick = np.array([depth[labels == n].max() >= 0.9 * radius for n in range(1, number + 1)])
+        thick = np.array([deep[labels == n].max() >= 0.9 * radius for n in range(1, number + 1)])
         best = 1 + int(np.argmax(np.where(thick, np.linalg.norm(middle - away_from, axis=1), -1)))
-    grown = ndimage.binary_dilation(labels == best, iterations=max(1, round(0.6 * radius))) & shape.mask
-    return shape.grid[grown].mean(axis=0), radius
+    around = shape.mask & grown(labels == best, max(1, round(0.6 * radius)))
+    return shape.grid[around].mean(axis=0), radius

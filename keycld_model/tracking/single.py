@@ -142,7 +142,7 @@ def _check_moved(film: Film, part: Part) -> None:
     way = float(np.hypot(*np.ptp(where, axis=0)))
     if way < LEAST_WAY:
         raise InputError(
-            f"{film.path}: nothing moves by more than {way * film.scale:.1f} pixels; film the mechanism while it swings."
+            f"{film.path}: nothing moves by more than {way * film.scale:.1f} pixels; film a mechanism that swings."
         )
 
 

@@ -172,7 +172,9 @@ def _assemble(
     """Everything in pixels of the video, calibrated."""
     pivot = found.pivot
     stretch = np.eye(2) if found.tilt is None else found.tilt.stretch
-    spokes = np.linalg.inv(stretch) * (pivot.radius if found.tilt is None else found.tilt.radius)
+    spokes = np.asarray(np.linalg.inv(stretch), float) * float(
+        pivot.radius if found.tilt is None else found.tilt.radius
+    )
     noise = np.array([scatter(film.times, column)[1] for column in places.T])
     expected = np.nanmedian(np.einsum("tii->ti", covariance), axis=0)
     measured = np.nan_to_num(noise) ** 2

@@ -13,6 +13,10 @@ Array = NDArray[np.float64]
 CAMERA = {"codec": "libx264", "output_params": ["-crf", "23", "-preset", "fast"]}
 
 
+def nothing(steps: int = 1, note: str | None = None) -> None:
+    """A progress bar that shows nothing."""
+
+
 def swing(times: Array, terms: tuple[str, ...] = ("viscous_friction",), sizes: tuple[float, ...] = (0.1,)) -> Array:
     """Angles of a free pendulum of period 1.2 s, from 0.6 rad at rest."""
     parameters = np.array([[2 * np.log(2 * np.pi / 1.2), 0.0, 0.6, 0.0, *sizes]])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import swing
+from scenes import nothing, swing
 from scipy.special import ellipk
 
 from keycld_model.tracking.pendulum import study_pendulum
@@ -33,7 +33,7 @@ def test_scatter_is_the_size_of_white_noise():
 def test_dissipation_is_named(term, size):
     times = np.arange(450) / 30
     angles = swing(times, (term,), (size,)) + np.random.default_rng(1).normal(0, 1e-3, 450)
-    study = study_pendulum(times, angles, 0, lambda *_: None)
+    study = study_pendulum(times, angles, 0, nothing)
     assert study is not None and study.named == (term,)
     value, low, high, _ = study.parameters[term]
     assert low < value < high and abs(value / size - 1) < 0.1
@@ -44,7 +44,7 @@ def test_dissipation_is_named(term, size):
 def test_a_short_noisy_swing_names_nothing():
     times = np.arange(150) / 30
     angles = swing(times, ("viscous_friction",), (0.02,)) + np.random.default_rng(2).normal(0, 2e-2, 150)
-    study = study_pendulum(times, angles, 0, lambda *_: None)
+    study = study_pendulum(times, angles, 0, nothing)
     assert study is None or study.named in (None, ())
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import draw_pendulum, swing
+from scenes import draw_pendulum, nothing, swing
 
 from keycld_control.cli import main
 from keycld_envs import Mechanism, Rod
@@ -22,10 +22,6 @@ DOUBLE = "from keycld_envs import Mechanism, Rod\nmechanism = Mechanism(2, 0, ro
 def run(video: Path, mechanism: Path) -> int:
     """The exit code of `keycld track`."""
     return main(["track", str(video), "--mechanism", str(mechanism), "--out", str(video.parent / "o")])
-
-
-def nothing(steps: int = 1, note: str | None = None) -> None:
-    """A progress bar that shows nothing."""
 
 
 @pytest.mark.slow
