@@ -187,7 +187,7 @@ class BackgroundAligner:
         height, width = reference.shape
         self.centre = np.array([(width - 1) / 2, (height - 1) / 2])
         self.spread = np.array([ZOOM, TURN]) if free else np.full(2, 1e-6)
-        rows, columns = np.gradient(reference)
+        rows, columns = np.asarray(np.gradient(reference))
         strong = np.hypot(rows, columns)
         chosen = _marks(strong, number)
         self.points, self.values = grid(height, width)[chosen] - self.centre, reference[chosen]

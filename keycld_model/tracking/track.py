@@ -172,7 +172,8 @@ def _assemble(
     """Everything in pixels of the video, calibrated."""
     pivot = found.pivot
     stretch = np.eye(2) if found.tilt is None else found.tilt.stretch
-    spokes = np.asarray(np.linalg.inv(stretch), float) * float(
+    radius = pivot.radius if found.tilt is None else found.tilt.radius
+    spokes = float(radius) * np.asarray(np.linalg.inv(stretch), float)
         pivot.radius if found.tilt is None else found.tilt.radius
     )
     noise = np.array([scatter(film.times, column)[1] for column in places.T])
