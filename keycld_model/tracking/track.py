@@ -174,8 +174,6 @@ def _assemble(
     stretch = np.eye(2) if found.tilt is None else found.tilt.stretch
     radius = pivot.radius if found.tilt is None else found.tilt.radius
     spokes = float(radius) * np.asarray(np.linalg.inv(stretch), float)
-        pivot.radius if found.tilt is None else found.tilt.radius
-    )
     noise = np.array([scatter(film.times, column)[1] for column in places.T])
     expected = np.nanmedian(np.einsum("tii->ti", covariance), axis=0)
     measured = np.nan_to_num(noise) ** 2
