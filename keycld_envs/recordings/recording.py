@@ -55,9 +55,13 @@ class Recording:
         action: [Ta, nu]; action i holds from t_action[i] until t_action[i+1], the last one until the end.
         t_state: [Ts], seconds.
         qpos: [Ts, nq], measured joint positions, rad or m, angles unwrapped.
+        qpos_std: [Ts, nq], standard deviations of `qpos`, only if known.
         qvel: [Ts, nq], measured joint velocities, only if measured.
         t_frame: [Tf], seconds.
         frames: [Tf, H, W, 3] uint8, None when `video` holds the frames.
+        keypoints: [Tf, K, 2], column and row of keypoints in the frames, pixels; NaN where they were not found.
+        keypoint_covariance: [Tf, K, 2, 2], their covariances, pixels².
+        pivot: [Tf, 2], column and row of the fixed pivot, which may lie outside the picture, pixels.
         video: a file whose frames belong to `t_frame`: FFV1 or a camera's own file; it is decoded on demand.
     """
 
@@ -77,8 +81,12 @@ class Recording:
     action: NDArray[np.float64] | None = None
     t_state: NDArray[np.float64] | None = None
     qpos: NDArray[np.float64] | None = None
+    qpos_std: NDArray[np.float64] | None = None
     qvel: NDArray[np.float64] | None = None
     t_frame: NDArray[np.float64] | None = None
+    keypoints: NDArray[np.float64] | None = None
+    keypoint_covariance: NDArray[np.float64] | None = None
+    pivot: NDArray[np.float64] | None = None
     frames: NDArray[np.uint8] | None = None
     video: Path | None = None
 

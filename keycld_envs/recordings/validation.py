@@ -10,7 +10,20 @@ import numpy as np
 if TYPE_CHECKING:
     from keycld_envs.recordings.recording import Recording
 
-SIGNALS = ("t_action", "action", "t_state", "qpos", "qvel", "t_frame")
+SIGNALS = (
+    "t_action",
+    "action",
+    "t_state",
+    "qpos",
+    "qvel",
+    "t_frame",
+    "qpos_std",
+    "keypoints",
+    "keypoint_covariance",
+    "pivot",
+)
+DIMENSIONS = {"keypoints": 3, "keypoint_covariance": 4}
+"""Dimensions of arrays that are not [T, n]; clocks have one."""
 SOURCES = ("simulation", "real", "rerendered")
 
 
@@ -57,7 +70,7 @@ def _signals(recording: Recording) -> Iterator[str]:
         yield "there are neither frames nor qpos; a recording needs one of them."
     for key in SIGNALS:
         array = getattr(recording, key)
-        dimensions = 1 if key.startswith("t_") else 2
+        dimensions = 1 if key.startswith("t_") else DIMENSIONS.get(key, 2)
         if array is None:
             continue
         if not isinstance(array, np.ndarray) or array.dtype != np.float64:
@@ -74,10 +87,23 @@ def _signals(recording: Recording) -> Iterator[str]:
         ("t_state", "qvel", "joint_names"),
     ):
         yield from _signal_on_clock(recording, clock, key, names)
+    yield from _tracked(recording)
     if recording.t_action is not None and recording.action is None:
         yield "t_action stands without action; store both or neither."
     if recording.t_state is not None and recording.qpos is None and recording.qvel is None:
         yield "t_state stands without qpos or qvel; store them or leave it out."
+
+
+def _tracked(recording: Recording) -> Iterator[str]:
+    """What is wrong with the shapes of keypoints, of their covariances, and of standard deviations of positions."""
+    frames = recording.num_frames
+    keypoints = 0 if recording.keypoints is None else recording.keypoints.shape[1]
+    for key, rest in (("keypoints", (keypoints, 2)), ("keypoint_covariance", (keypoints, 2, 2)), ("pivot", (2,))):
+        array = getattr(recording, key)
+        if array is not None and array.shape != (frames, *rest):
+            yield f"{key} has shape {list(array.shape)}; it must be {[frames, *rest]}, one row for each frame."
+    if recording.qpos_std is not None and (recording.qpos is None or recording.qpos.shape != recording.qpos_std.shape):
+        yield f"qpos_std has shape {list(recording.qpos_std.shape)}; it must have that of qpos."
 
 
 def _signal_on_clock(recording: Recording, clock: str, key: str, names: str) -> Iterator[str]:
@@ -104,7 +130,7 @@ def _signal_on_clock(recording: Recording, clock: str, key: str, names: str) -> 
 
 def _bad_value(key: str, array: np.ndarray) -> str | None:
     """What is wrong with the numbers of one signal: infinities, NaN where it may not be, a clock going back."""
-    may_miss = key in ("qpos", "qvel")
+    may_miss = key in ("qpos", "qpos_std", "qvel", "keypoints", "keypoint_covariance", "pivot")
     wrong = np.argwhere(np.isinf(array) if may_miss else ~np.isfinite(array))
     if len(wrong):
         index = ", ".join(map(str, wrong[0]))

@@ -1,5 +1,6 @@
 """Video files: written by ffmpeg and read back before they count, and any video decoded frame by frame."""
 
+import re
 import subprocess
 import tempfile
 import warnings
@@ -84,8 +85,12 @@ def _not_whole(path: Path) -> InputError:
     return InputError(f"{Path(*parts)} could not be written whole; free space on its disk and run again.")
 
 
-def decode(path: Path) -> Iterator[Frame]:
-    """Decode a video frame by frame, in constant memory, without dropping or repeating frames.
+def decode(path: Path, size: tuple[int, int] | None = None) -> Iterator[Frame]:
+    """Decode a video frame by frame, in constant memory, without dropping or repeating frames, turned as it is shown.
+
+    Args:
+        path: a file ffmpeg can read.
+        size: (W, H) to reduce frames to by averaging areas, pixels; by default they stay as they are.
 
     Yields:
         [H, W, 3] uint8, RGB.
@@ -95,6 +100,7 @@ def decode(path: Path) -> Iterator[Frame]:
         ValueError: if it is no regular file, or, after the last frame, if the decoder reported an error.
     """
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", "-i", str(check_file(path)), "-map", "0:v:0"]
+    command += [] if size is None else ["-vf", f"scale={size[0]}:{size[1]}:flags=area"]
     command += ["-fps_mode", "passthrough", "-pix_fmt", "rgb24", "-c:v", "ppm", "-f", "image2pipe", "-"]
     with tempfile.TemporaryFile() as log, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log) as decoder:
         assert decoder.stdout is not None
@@ -114,6 +120,26 @@ def decode(path: Path) -> Iterator[Frame]:
         errors = log.read(10_000).decode(errors="replace").splitlines()
     if errors:
         raise ValueError(errors[0].strip())
+
+
+def frame_times(path: Path) -> NDArray[np.float64]:
+    """When each frame of a video is shown, by the file's presentation time stamps.
+
+    Returns:
+        [T], seconds from the first frame on, in the order in which `decode` yields the frames; where a frame has no
+        time stamp, or two have the same, the clock does not say when they were taken, and the array is empty.
+
+    Raises:
+        OSError: if there is no such file.
+    """
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-nostdin", "-nostats", "-i", str(check_file(path))]
+    command += ["-map", "0:v:0", "-fps_mode", "passthrough", "-vf", "showinfo", "-f", "null", "-"]
+    shown = subprocess.run(command, capture_output=True, check=False).stderr.decode(errors="replace")
+    stamps = re.findall(r"\bn: *\d+ pts: *\S+ pts_time:(\S+)", shown)
+    if not stamps or "NOPTS" in stamps:
+        return np.empty(0)
+    times = np.array(stamps, float)
+    return times - times[0] if (np.diff(times) > 0).all() else np.empty(0)
 
 
 def iter_video(path: Path, num_frames: int) -> Iterator[Frame]:

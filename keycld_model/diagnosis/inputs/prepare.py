@@ -116,10 +116,11 @@ def _commanded(recording: Recording, model: mujoco.MjModel) -> Recording:
 
 
 def _part(recording: Recording, piece: slice) -> Recording:
-    qvel = recording.qvel
+    qvel, deviation = recording.qvel, recording.qpos_std
     return replace(
         recording,
         t_state=np.asarray(recording.t_state)[piece],
         qpos=np.asarray(recording.qpos)[piece],
+        qpos_std=None if deviation is None else deviation[piece],
         qvel=None if qvel is None else qvel[piece],
     )

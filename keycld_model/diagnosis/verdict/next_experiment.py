@@ -165,7 +165,11 @@ def _windows(motions: Sequence[_Motion], windows: Windows, n: int) -> Windows:
             qvel=None,
             t_action=t if m.commands.shape[1] else None,
             action=m.commands if m.commands.shape[1] else None,
+            qpos_std=None,
             t_frame=None,
+            keypoints=None,
+            keypoint_covariance=None,
+            pivot=None,
             frames=None,
             video=None,
         )

@@ -1,0 +1,116 @@
+"""The page of a track: one HTML file that needs nothing else."""
+
+import base64
+import io
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from markupsafe import Markup
+from numpy.typing import NDArray
+from PIL import Image
+from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
+from scipy.special import ellipk
+
+from keycld_control.plain_json import plain
+from keycld_envs.templates import templates
+from keycld_model.tracking import Track
+from keycld_model.tracking.pendulum import Study
+
+BLUE, PINK, GREY = "#1f6f9f", "#e0457b", "#999"
+PIECE = 320
+"""Pixels of the width of a picture in the strip."""
+
+
+def html_page(track: Track, study: Study | None, numbers: Mapping[str, Any], strip: list[NDArray[np.uint8]]) -> str:
+    """The text of report.html.
+
+    Args:
+        track: what was followed.
+        study: of a free pendulum.
+        numbers: by `keycld_control.tracking.summary.summary`.
+        strip: [h, w, 3] uint8 pictures with the track drawn over them.
+    """
+    rows = [
+        (name.replace("_", " "), _text(value))
+        for name, value in numbers.items()
+        if name not in ("candidates", "doubts")
+    ]
+    plots = [_plot(_angles(track, study))]
+    if study is not None:
+        plots.append(_plot(_periods(study)))
+    page = templates("keycld_control.tracking").get_template("report.html")
+    return page.render(
+        plotly=Markup(get_plotlyjs()),
+        name=track.film.path.name,
+        verdict=numbers["dissipation"],
+        doubts=numbers["doubts"],
+        rows=rows,
+        candidates=numbers.get("candidates", []),
+        plots=plots,
+        strip=[_picture(image) for image in strip],
+    )
+
+
+def _angles(track: Track, study: Study | None) -> go.Figure:
+    figure = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.7, 0.3], vertical_spacing=0.06)
+    times = track.film.times
+    for k, (angle, deviation) in enumerate(zip(track.angles.T, track.deviation.T, strict=True)):
+        figure.add_scatter(x=times, y=angle, name=f"angle {k + 1}", mode="lines", line={"color": BLUE}, row=1, col=1)
+        figure.add_scatter(
+            x=times, y=1e3 * deviation, name="standard deviation", mode="lines", line={"color": GREY}, row=2, col=1
+        )
+    if study is not None:
+        later = times >= study.split
+        band = {
+            "x": np.concatenate([times[later], times[later][::-1]]),
+            "y": np.concatenate([study.high[later], study.low[later][::-1]]),
+        }
+        figure.add_scatter(
+            **band, fill="toself", mode="none", fillcolor=PINK, opacity=0.3, name="90 % interval", row=1, col=1
+        )
+        about = {"name": "predicted from the first part", "mode": "lines", "line": {"color": PINK, "dash": "dot"}}
+        figure.add_scatter(x=times[later], y=study.prediction[later], **about, row=1, col=1)
+    figure.update_yaxes(title="angle, rad", row=1, col=1)
+    figure.update_yaxes(title="mrad", rangemode="tozero", row=2, col=1)
+    figure.update_xaxes(title="time, s", row=2, col=1)
+    figure.update_layout(template="plotly_white", height=460, margin={"t": 20})
+    return figure
+
+
+def _periods(study: Study) -> go.Figure:
+    figure = go.Figure()
+    amplitude = study.swings[:, 1]
+    figure.add_scatter(x=amplitude, y=study.swings[:, 2], mode="markers", name="half swings, doubled")
+    axis = np.linspace(0, float(amplitude.max()), 60)
+    theory = study.period[0] * 2 / np.pi * ellipk(np.sin(axis / 2) ** 2)
+    figure.add_scatter(x=axis, y=theory, mode="lines", name="rigid pendulum", line={"color": PINK})
+    figure.update_xaxes(title="amplitude, rad", rangemode="tozero")
+    figure.update_yaxes(title="period, s")
+    figure.update_layout(template="plotly_white", height=320, margin={"t": 20})
+    return figure
+
+
+def _plot(figure: go.Figure) -> Markup:
+    return Markup(figure.to_html(include_plotlyjs=False, full_html=False))
+
+
+def _picture(image: NDArray[np.uint8]) -> str:
+    picture = Image.fromarray(image)
+    picture.thumbnail((PIECE, PIECE))
+    file = io.BytesIO()
+    picture.save(file, "PNG")
+    return base64.b64encode(file.getvalue()).decode("ascii")
+
+
+def _text(value: Any) -> str:
+    value = plain(value)
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list):
+        return ", ".join(map(_text, value))
+    if isinstance(value, dict):
+        return "; ".join(f"{key.replace('_', ' ')}: {_text(item)}" for key, item in value.items())
+    return "–" if value is None else str(value)

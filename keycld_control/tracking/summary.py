@@ -1,0 +1,108 @@
+"""The numbers of a track, for the terminal, track.json and the page."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from keycld_model.tracking import Track
+from keycld_model.tracking.pendulum import Study
+
+GRAVITY = 9.81
+MOST, ROUND, VAGUE, INFLATED, UNEXPLAINED = 0.8, 0.01, 0.03, 30.0, 10.0
+"""What raises a doubt: share of frames, lengths off the circle, lengths of the pivot's deviation, inflation of
+covariances, and held-out error in noises of a frame."""
+
+
+def summary(track: Track, study: Study | None, driven: bool) -> dict[str, Any]:
+    """Names and values; pixels are those of the video.
+
+    Args:
+        track: what was followed.
+        study: of a free pendulum, None for others.
+        driven: whether the mechanism has motors.
+    """
+    found = track.found
+    result: dict[str, Any] = {
+        "frames": len(track.film),
+        "seconds": float(track.film.times[-1]),
+        "clock": track.film.clock,
+        "width": track.film.size[0],
+        "height": track.film.size[1],
+        "missing": int((~found).sum()),
+        "repeated_frames": track.repeated,
+        "camera_travel_px": track.camera_travel,
+        "pivot_px": np.median(track.pivot, axis=0),
+        "pivot_std_px": track.pivot_deviation,
+        "pivot_in_view": bool(_inside(track)),
+        "length_px": track.lengths,
+        "length_std_px": track.length_deviation,
+        "axis_ratio": track.tilt,
+        "circle_pivot_px": track.circle_pivot,
+        "rods_seen": track.rods_seen,
+        "noise_px": track.noise,
+        "angle_noise_mrad": 1e3 * track.angle_noise,
+        "covariance_inflation": track.inflation,
+        "off_circle_px": track.off_circle,
+        "turning_mrad": 1e3 * track.turning,
+        "amplitude_rad": float(np.nanquantile(track.angles[:, 0], 0.99) - np.nanquantile(track.angles[:, 0], 0.01)) / 2,
+    }
+    result["doubts"] = doubts(track, study)
+    if driven:
+        result["dissipation"] = "It cannot be determined without the torque of the motor."
+        return result
+    if study is None:
+        result["dissipation"] = "It cannot be determined: the motion is no free swing of at least three periods."
+        return result
+    return result | _of_study(track, study)
+
+
+def doubts(track: Track, study: Study | None) -> list[str]:
+    """What speaks against a track, in sentences; nothing if nothing does."""
+    found, length = track.found.mean(), float(track.lengths[0])
+    result = []
+    if found < MOST:
+        result.append(f"The part was found in only {100 * found:.0f} % of the frames.")
+    if track.off_circle > ROUND * length:
+        result.append(f"The keypoint is {track.off_circle:.1f} px off its circle: pivot and angles may be wrong.")
+    if float(np.hypot(*track.pivot_deviation)) > VAGUE * length:
+        result.append(f"The pivot is known to {np.hypot(*track.pivot_deviation):.0f} px only.")
+    if track.inflation > INFLATED:
+        result.append("The track scatters far more than its fit lets expect: it may have lost the part at times.")
+    if study is not None and study.candidates[0].held_out > UNEXPLAINED * track.angle_noise[0]:
+        result.append(
+            f"No dissipation predicts to within noise: {1e3 * study.candidates[0].held_out:.1f} mrad are off where one "
+            f"frame scatters by {1e3 * track.angle_noise[0]:.2f} mrad."
+        )
+    return result
+
+
+def _of_study(track: Track, study: Study) -> dict[str, Any]:
+    period, low, high = study.period
+    return {
+        "period_s": period,
+        "period_90": [low, high],
+        "length_m_if_point_mass": GRAVITY * (period / (2 * math.pi)) ** 2,
+        "angle_of_rest_mrad": 1e3 * study.rest,
+        "dissipation": study.words,
+        "named": None if study.named is None else list(study.named),
+        "parameters": {
+            k: {"value": v, "low": lo, "high": hi, "unit": u} for k, (v, lo, hi, u) in study.parameters.items()
+        },
+        "candidates": [
+            {
+                "effects": list(c.terms),
+                "held_out_mrad": 1e3 * c.held_out,
+                "fitted_mrad": 1e3 * c.fitted,
+                "excluded": c.excluded,
+            }
+            for c in study.candidates
+        ],
+        "prediction_from_s": study.split,
+        "half_swings": len(study.swings),
+    }
+
+
+def _inside(track: Track) -> np.bool_:
+    x, y = np.median(track.pivot, axis=0)
+    return np.bool_(0 <= x <= track.film.size[0] - 1 and 0 <= y <= track.film.size[1] - 1)

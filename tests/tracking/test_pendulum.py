@@ -1,0 +1,64 @@
+"""The equation of motion, its fit, and what held-out swings say about dissipation."""
+
+import numpy as np
+import pytest
+from scenes import nothing, swing
+from scipy.special import ellipk
+
+from keycld_model.tracking.pendulum import study_pendulum
+from keycld_model.tracking.pendulum.motion import Motion
+from keycld_model.tracking.pendulum.study import half_swings
+from keycld_model.tracking.scatter import scatter
+from keycld_model.tracking.track import _unwrapped
+
+
+def test_period_of_large_swings_is_the_elliptic_integral():
+    times = np.arange(0, 12, 0.01)
+    angles = Motion(()).simulate(np.array([[2 * np.log(2 * np.pi), 0.0, 1.2, 0.0]]), times)[0]
+    swings = half_swings(times, angles)
+    assert np.allclose(swings[:, 1], 1.2, atol=2e-3)
+    assert np.allclose(swings[:, 2], 2 / np.pi * ellipk(np.sin(0.6) ** 2), rtol=1e-3)
+
+
+def test_scatter_is_the_size_of_white_noise():
+    times = np.arange(2000) / 50
+    noise = np.random.default_rng(0).normal(0, 0.3, 2000)
+    assert abs(scatter(times, 40 * np.sin(2 * times) + noise)[1] / 0.3 - 1) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("term", "size"), [("viscous_friction", 0.15), ("quadratic_drag", 0.12), ("coulomb_friction", 0.25)]
+)
+def test_dissipation_is_named(term, size):
+    times = np.arange(450) / 30
+    angles = swing(times, (term,), (size,)) + np.random.default_rng(1).normal(0, 1e-3, 450)
+    study = study_pendulum(times, angles, 0, nothing)
+    assert study is not None and study.named == (term,)
+    value, low, high, _ = study.parameters[term]
+    assert low < value < high and abs(value / size - 1) < 0.1
+    assert abs(study.period[0] / 1.2 - 1) < 0.002
+
+
+@pytest.mark.slow
+def test_a_short_noisy_swing_names_nothing():
+    times = np.arange(150) / 30
+    angles = swing(times, ("viscous_friction",), (0.02,)) + np.random.default_rng(2).normal(0, 2e-2, 150)
+    study = study_pendulum(times, angles, 0, nothing)
+    assert study is None or study.named in (None, ())
+
+
+def test_angles_are_unwrapped_from_frame_to_frame_and_across_gaps():
+    times = np.arange(60) / 30
+    turning = 12 * times + 0.5 * np.sin(9 * times)
+    wrapped = np.angle(np.exp(1j * turning))
+    wrapped[20:26] = np.nan
+    found = _unwrapped(wrapped, times)
+    known = np.isfinite(found)
+    assert known.sum() == 54 and np.allclose(found[known], turning[known])
+
+
+def test_one_wrong_angle_does_not_turn_the_others():
+    times, angles = np.arange(40) / 30, np.zeros(40)
+    angles[10] = 3.1
+    assert np.abs(_unwrapped(angles, times)).max() < 3.2

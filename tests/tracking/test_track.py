@@ -1,0 +1,109 @@
+"""Videos with known motion: places, angles and lengths come back, and what is missing is said to be."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import draw_pendulum, nothing, swing
+
+from keycld_control.cli import main
+from keycld_envs import Mechanism, Rod
+from keycld_envs.recordings import read_recording
+from keycld_model.tracking import read, track
+
+PENDULUM = Mechanism(num_keypoints=1, num_actions=0, rods=(Rod(None, 0),))
+
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "apple_pendulum.py"
+DOUBLE = "from keycld_envs import Mechanism, Rod\nmechanism = Mechanism(2, 0, rods=(Rod(None, 0), Rod(0, 1)))"
+
+
+def run(video: Path, mechanism: Path) -> int:
+    """The exit code of `keycld track`."""
+    return main(["track", str(video), "--mechanism", str(mechanism), "--out", str(video.parent / "o")])
+
+
+@pytest.mark.slow
+def test_places_and_angles_of_a_pendulum_whose_pivot_is_out_of_view(tmp_path):
+    times = np.arange(120) / 30
+    angles, pivot, length = swing(times), np.array([320.0, -60.0]), 330.0
+    bobs = draw_pendulum(tmp_path / "a.mp4", angles, (640, 360), pivot, length, hidden=slice(60, 66))
+    found = track(read(tmp_path / "a.mp4", PENDULUM), PENDULUM, 0, nothing)
+    error = found.keypoints[:, 0] - bobs
+    assert not found.found[60:66].any()
+    assert found.found[:60].mean() > 0.98 and found.found[66:].mean() > 0.98
+    assert np.abs(np.nanmean(error, axis=0)).max() < 0.3
+    assert np.nanstd(error, axis=0).max() < 0.25
+    assert abs(found.lengths[0] / length - 1) < 0.02
+    assert np.nanstd(found.angles[:, 0] - angles) < 0.005
+    assert abs(np.nanmean(found.angles[:, 0] - angles)) < 0.01
+
+
+@pytest.mark.slow
+def test_command_writes_a_recording_a_clip_and_a_page(tmp_path, capsys):
+    times = np.arange(150) / 25
+    draw_pendulum(tmp_path / "a.mp4", swing(times), (256, 144), np.array([128.0, 10.0]), 95.0, fps=25.0)
+    (tmp_path / "m.py").write_text(
+        "from keycld_envs import Mechanism, Rod\nmechanism = Mechanism(1, 0, rods=(Rod(None, 0),))\n"
+    )
+    words = ["track", str(tmp_path / "a.mp4"), "--mechanism", str(tmp_path / "m.py"), "--out", str(tmp_path / "out")]
+    assert main([*words, "--json"]) == 0
+    numbers = json.loads(capsys.readouterr().out)
+    assert abs(numbers["period_s"] / 1.2 - 1) < 0.01
+    assert abs(numbers["length_px"][0] / 95 - 1) < 0.02
+    recording = read_recording(tmp_path / "out")
+    assert recording.keypoints is not None and recording.keypoints.shape == (150, 1, 2)
+    assert recording.qpos_std is not None and np.nanmedian(recording.qpos_std) < 0.02
+    for name in ("overlay.mp4", "report.html", "track.json"):
+        assert (tmp_path / "out" / name).stat().st_size > 1000
+    assert main(words) == 2
+
+
+@pytest.mark.parametrize("content", [b"", b"no video at all"])
+def test_what_is_no_video_is_refused_with_one_sentence(tmp_path, capsys, content):
+    (tmp_path / "a.mp4").write_bytes(content)
+    code = main(
+        ["track", str(tmp_path / "a.mp4"), "--mechanism", "examples/apple_pendulum.py", "--out", str(tmp_path / "o")]
+    )
+    message = capsys.readouterr().err.strip()
+    assert code == 2 and len(message.splitlines()) == 1 and "a.mp4" in message
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_truncated_video_is_refused(tmp_path, capsys):
+    draw_pendulum(tmp_path / "a.mp4", swing(np.arange(40) / 30), (96, 64), np.array([48.0, 0.0]), 45.0)
+    whole = (tmp_path / "a.mp4").read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) // 2])
+    code = main(
+        ["track", str(tmp_path / "cut.mp4"), "--mechanism", "examples/apple_pendulum.py", "--out", str(tmp_path / "o")]
+    )
+    assert code == 2 and "cut.mp4" in capsys.readouterr().err
+
+
+def test_a_still_video_is_refused(tmp_path, capsys):
+    draw_pendulum(tmp_path / "a.mp4", np.zeros(30), (96, 64), np.array([48.0, 0.0]), 40.0)
+    code = main(
+        ["track", str(tmp_path / "a.mp4"), "--mechanism", "examples/apple_pendulum.py", "--out", str(tmp_path / "o")]
+    )
+    assert code == 2 and "a.mp4" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("x = 1", "mechanism"),
+        ("mechanism = 3", "int"),
+        ("import nothing_of_the_kind", "ModuleNotFoundError"),
+        (
+            "from keycld_envs import Mechanism, Rod\nmechanism = Mechanism(2, 0, rods=(Rod(None, 0), Rod(0, 1)))",
+            "keypoint",
+        ),
+    ],
+)
+def test_mechanism_files_that_cannot_be_used(tmp_path, capsys, text, names):
+    (tmp_path / "m.py").write_text(text)
+    (tmp_path / "a.mp4").write_bytes(b"")
+    code = run(tmp_path / "a.mp4", tmp_path / "m.py")
+    message = capsys.readouterr().err
+    assert code == 2 and names in message and len(message.strip().splitlines()) == 1
