@@ -163,7 +163,7 @@ def test_what_is_known_is_kept_when_a_part_fails(
     assert main(["bench", "--out", str(tmp_path / "report.json")]) == 2
     report = json.loads((tmp_path / "report.json").read_text())
     assert not report["complete"]
-    assert {figure["measure"] for figure in report["figures"]} == {"envs"}
+    assert {figure["measure"] for figure in report["figures"]} == {"envs", "positions"}
 
 
 def test_the_rows_of_a_model() -> None:
