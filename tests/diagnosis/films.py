@@ -46,7 +46,7 @@ def film(
             Recording(
                 id=f"{run}",
                 source="simulation",
-                t_frame=DT * np.arange(frames),
+                t_frame=np.arange(frames, dtype=np.float64) * DT,
                 frames=np.stack(images),
                 camera={"name": declared.camera, "width": size[1], "height": size[0]},
                 render_quality="fast",

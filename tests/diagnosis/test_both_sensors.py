@@ -4,20 +4,36 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from plants import recordings
 
 from keycld_envs.errors import InputError
+from keycld_envs.recordings import Recording
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.inputs.observation.encoders_and_camera import SEEN, EncodersAndCamera, joined
 
 
-def seen_by_camera(run, error, offset=0.0, seed=0):
+def seen_by_camera(run: Recording, error: float, offset: float = 0.0, seed: int = 0) -> Recording:
     """The same run as a camera reads it, at other times."""
+    assert run.t_state is not None
     t = np.asarray(run.t_state)[::2] + offset
     t = t[t <= run.t_state[-1]]
-    q = run.positions_at(t) + np.random.default_rng(seed).normal(0, error, (len(t), len(run.joint_names)))
+    q = at(run, t) + np.random.default_rng(seed).normal(0, error, (len(t), len(run.joint_names)))
     return replace(run, t_state=t, qpos=q, qvel=None, units={**run.units, "qpos": ("rad",) * len(run.joint_names)})
+
+
+def at(run: Recording, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Joint positions at times."""
+    q = run.positions_at(times)
+    assert q is not None
+    return q
+
+
+def positions(run: Recording) -> NDArray[np.float64]:
+    """All channels."""
+    assert run.qpos is not None
+    return run.qpos
 
 
 def test_channels_are_those_of_both_at_the_times_of_the_slower_sensor():
@@ -25,9 +41,10 @@ def test_channels_are_those_of_both_at_the_times_of_the_slower_sensor():
     camera = seen_by_camera(run, 0.002, offset=0.003)
     both = joined(run, camera)
     assert both.joint_names == ("shoulder", "elbow", "shoulder" + SEEN, "elbow" + SEEN)
-    assert np.array_equal(both.t_state, camera.t_state)
-    assert np.array_equal(both.qpos[:, 2:], camera.qpos)
-    assert np.abs(both.qpos[:, :2] - run.positions_at(np.asarray(both.t_state))).max() < 0.01
+    clock = np.asarray(both.t_state)
+    assert np.array_equal(clock, np.asarray(camera.t_state))
+    assert np.array_equal(positions(both)[:, 2:], positions(camera))
+    assert np.abs(positions(both)[:, :2] - at(run, clock)).max() < 0.01
 
 
 def test_a_missing_sample_of_one_sensor_is_missing_there_alone():
@@ -35,11 +52,11 @@ def test_a_missing_sample_of_one_sensor_is_missing_there_alone():
     q = np.array(run.qpos)
     q[10:13] = np.nan
     both = joined(replace(run, qpos=q), seen_by_camera(run, 0.002))
-    lost = np.isnan(both.qpos[:, 0])
+    lost = np.isnan(positions(both)[:, 0])
     assert lost.any() and lost.sum() < 5
-    assert np.isfinite(both.qpos[:, 1]).all()
+    assert np.isfinite(positions(both)[:, 1]).all()
     model = get_system("pendulum").compile()
-    assert np.isfinite(EncodersAndCamera(model, np.array([0.002])).positions(np.asarray(both.qpos))).all()
+    assert np.isfinite(EncodersAndCamera(model, np.array([0.002])).positions(positions(both))).all()
 
 
 def test_sensors_that_were_never_on_at_once_are_refused():

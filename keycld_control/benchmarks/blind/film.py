@@ -59,7 +59,8 @@ class Film:
     def draw(cls, rng: np.random.Generator) -> "Film":
         """Errors of a camera that was put up by hand."""
         shifted = bool(rng.random() < SHIFTED)
-        light = np.exp(rng.uniform(-0.35, 0.26) if shifted else rng.normal(0, 0.05))
+        light = float(np.exp(rng.uniform(-0.35, 0.26) if shifted else rng.normal(0, 0.05)))
+        red, green, blue = (float(g) for g in np.exp(rng.normal(0, 0.08 if shifted else 0.02, 3)))
         return cls(
             right=float(rng.normal(0, 1.5)),
             up=float(rng.normal(0, 1.5)),
@@ -67,7 +68,7 @@ class Film:
             aspect=float(np.exp(rng.normal(0, 0.015))),
             roll=float(rng.normal(0, 0.03)),
             blur=float(rng.uniform(0, 1.0 if shifted else 0.4)),
-            gain=tuple(float(light * g) for g in np.exp(rng.normal(0, 0.08 if shifted else 0.02, 3))),
+            gain=(light * red, light * green, light * blue),
             offset=float(rng.normal(0, 8 if shifted else 2)),
             noise=float(rng.uniform(2, 10) if shifted else rng.uniform(0, 3)),
             jpeg=int(rng.integers(75, 96)) if shifted and rng.random() < 0.5 else None,
