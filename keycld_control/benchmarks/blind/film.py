@@ -60,7 +60,6 @@ class Film:
         """Errors of a camera that was put up by hand."""
         shifted = bool(rng.random() < SHIFTED)
         light = float(np.exp(rng.uniform(-0.35, 0.26) if shifted else rng.normal(0, 0.05)))
-        red, green, blue = (float(g) for g in np.exp(rng.normal(0, 0.08 if shifted else 0.02, 3)))
         return cls(
             right=float(rng.normal(0, 1.5)),
             up=float(rng.normal(0, 1.5)),
@@ -68,7 +67,7 @@ class Film:
             aspect=float(np.exp(rng.normal(0, 0.015))),
             roll=float(rng.normal(0, 0.03)),
             blur=float(rng.uniform(0, 1.0 if shifted else 0.4)),
-            gain=(light * red, light * green, light * blue),
+            gain=_gain(light, 0.08 if shifted else 0.02, rng),
             offset=float(rng.normal(0, 8 if shifted else 2)),
             noise=float(rng.uniform(2, 10) if shifted else rng.uniform(0, 3)),
             jpeg=int(rng.integers(75, 96)) if shifted and rng.random() < 0.5 else None,
@@ -94,6 +93,12 @@ class Film:
         with io.BytesIO() as file:
             iio.imwrite(file, frame, extension=".jpg", quality=self.jpeg)
             return np.asarray(iio.imread(file.getvalue(), extension=".jpg"))
+
+
+def _gain(light: float, spread: float, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Of three colours, which differ from the light by a spread."""
+    red, green, blue = (light * float(g) for g in np.exp(rng.normal(0, spread, 3)))
+    return red, green, blue
 
 
 class Studio:
