@@ -67,9 +67,15 @@ def characters(data: Path) -> tuple[Motions, Motions]:
     Raises:
         InputError: if the file has others, or no true parts of the torques.
     """
-    rest, test = read_motions(data).hold_out(TEST)
+    rest, test = _held_out(data)
     if missing := [key for key, part in PARTS.items() if test.truth(part) is None]:
         raise InputError(f"{data} has no {missing[0]}, a true part of the torques; name the characters of the papers.")
+    return rest, test
+
+
+def _held_out(data: Path) -> tuple[Motions, Motions]:
+    """The same, whether or not the parts of their torques are known."""
+    rest, test = read_motions(data).hold_out(TEST)
     if len(rest) < ALL:
         raise InputError(f"{data} has {len(rest)} characters beside {', '.join(TEST)}; the experiment has {ALL}.")
     return rest, test
@@ -86,7 +92,7 @@ def _characters(data: Path, noise: float = 0.0, seed: int = 0) -> tuple[Motions,
     arrays["qp"] = clean + noise * clean.std(axis=0) * np.random.default_rng([seed, 1]).standard_normal(clean.shape)
     with tempfile.TemporaryDirectory() as folder:
         np.savez(Path(folder) / data.name, **arrays)
-        return characters(Path(folder) / data.name)
+        return _held_out(Path(folder) / data.name)
 
 
 def amount(rest: Motions, training: Training) -> Motions:

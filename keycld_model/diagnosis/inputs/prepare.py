@@ -13,6 +13,8 @@ from keycld_model.diagnosis.inputs.observation import Observation
 
 CLOSEST = 0.009
 """Seconds between samples, at least; of faster recordings only some samples are used."""
+LAST_THIRD = " (last third)"
+"""What the id of the part of a recording ends in that is held out."""
 DRIVEN = 0.25
 """Commands over the strongest ones, root mean square, from which a recording is driven as these are."""
 
@@ -66,7 +68,7 @@ def _in_time(whole: Recording, samples: int) -> tuple[list[Recording], list[Reco
         )
     rest = np.array(whole.qpos)
     rest[:k] = np.nan
-    return [_part(whole, slice(0, k))], [replace(whole, id=f"{whole.id} (last third)", qpos=rest, qvel=None)]
+    return [_part(whole, slice(0, k))], [replace(whole, id=whole.id + LAST_THIRD, qpos=rest, qvel=None)]
 
 
 def spacing(recordings: Sequence[Recording]) -> float:

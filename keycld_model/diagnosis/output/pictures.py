@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.projection import world_to_image
 from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.inputs.prepare import LAST_THIRD
 from keycld_model.diagnosis.output.page.geometry import Skeleton, skeleton
 from keycld_model.diagnosis.verdict.evidence import Picture, Rollout
 from keycld_model.image_alignment import Positions
@@ -30,23 +31,23 @@ def pictures(
         positions: that were read off them.
         model: the simulator.
     """
-    frame_of = {recording.id: recording for recording in recordings}
     if rollouts:
         chosen = max(rollouts, key=lambda r: float(np.nanmax(np.abs(r.poses[1] - r.poses[0]), initial=0.0)))
         times, poses = chosen.time, chosen.poses
-        name = chosen.recording.split(" (")[0]
+        name = chosen.recording
     else:
         read = positions.recordings[0]
         name, times = read.id, np.asarray(read.t_state)
         poses = np.full((3, len(times), model.nq), np.nan)
         poses[0] = np.asarray(read.qpos)
-    recording = frame_of[name]
+    whole = {recording.id + part: recording for recording in recordings for part in ("", LAST_THIRD)}
+    recording = whole[name]
     wanted = {int(k) for k in np.linspace(0, len(times) - 1, NUMBER).round()}
     clock = np.asarray(recording.t_frame)
     index = {int(np.abs(clock - times[k]).argmin()): k for k in sorted(wanted)}
     drawn = skeleton(as_seen(model, positions.parameters, positions.values))
     return tuple(
-        Picture(name, float(times[index[n]]), reduced(frame), _links(drawn, poses[:, index[n]], positions))
+        Picture(recording.id, float(times[index[n]]), reduced(frame), _links(drawn, poses[:, index[n]], positions))
         for n, frame in enumerate(recording.iter_frames())
         if n in index
     )
