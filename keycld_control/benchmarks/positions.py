@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from keycld_control.benchmarks.blind.case import SealedCase, Signals, draw_case, recording
-from keycld_control.benchmarks.blind.film import SIZE, Studio
+from keycld_control.benchmarks.blind.film import SIZE, Studio, lengthen
 from keycld_control.benchmarks.blind.plan import Plan
 from keycld_control.benchmarks.figure import Figure
 from keycld_envs import REFERENCE_SYSTEMS
@@ -67,8 +67,8 @@ def _pixels(case: SealedCase, read: Array, signals: Signals) -> Array:
     """Of all landmarks, right and up, `[T, 2K]`, pixels of the simulator's camera, where frames could be read."""
     there = np.isfinite(read).all(axis=1)
     system = get_system(case.plan.system)
-    with Studio(case.plan.system, case.errors) as studio:
-        model = studio.model
+    model = system.compile()
+    lengthen(model, case.errors)
     data = mujoco.MjData(model)
 
     def seen(positions: Array) -> Array:

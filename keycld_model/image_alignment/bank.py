@@ -13,7 +13,7 @@ POSITIONS = {1: 64, 2: 484}
 """Drawings for one joint and for two."""
 MOST = 900
 """And for more."""
-BLUR = 0.03
+COARSE = 0.03
 """Standard deviation by which images are blurred before they are compared, of their height."""
 
 
@@ -40,7 +40,7 @@ class Bank:
             self.q = low + (high - low) * points
         images = np.stack([scene.render(q, look) for q in self.q])
         self.still: Image = np.median(images, axis=0).astype(np.float32)
-        self._every = max(1, round(BLUR * scene.size[0]))
+        self._every = max(1, round(COARSE * scene.size[0]))
         self._drawn = np.stack([self._coarse(image) for image in images])
 
     def nearest(self, frame: Image, light: Light, number: int) -> Array:
@@ -50,5 +50,4 @@ class Bank:
         return self.q[np.argsort(np.sum(left**2, axis=(1, 2, 3)))[:number]]
 
     def _coarse(self, image: Image) -> Image:
-        blur = BLUR * image.shape[0]
-        return softened(image, blur)[:: self._every, :: self._every]
+        return softened(image, COARSE * image.shape[0])[:: self._every, :: self._every]

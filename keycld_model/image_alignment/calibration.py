@@ -12,7 +12,7 @@ from keycld_model.image_alignment.pose import Pose
 from keycld_model.image_alignment.scene import Scene
 
 Array = NDArray[np.float64]
-FRAMES = 160
+READ_AGAIN = 160
 """Frames that are read again: standard deviations come out within 6 %."""
 
 
@@ -41,7 +41,7 @@ def reading_error(
         bank: drawings of the scene.
         seed: of the noise.
     """
-    rng, part = np.random.default_rng(seed), slice(0, min(FRAMES, len(frames)))
+    rng, part = np.random.default_rng(seed), slice(0, READ_AGAIN)
     drawn = [light.apply(scene.render(pose.q, look)) for pose in poses[part]]
     left = np.stack(drawn[::8]) - frames[part][::8]
     noise = 1.4826 * float(np.median(np.abs(left - np.median(left))))

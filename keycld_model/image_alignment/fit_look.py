@@ -13,17 +13,16 @@ from keycld_model.image_alignment.scene import Scene, softened
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
-SOFT = (3.0, 3.0, 2.0, 1.0, 1.0, 0.5, 0.5, 0.0, 0.0, 0.0)
+SCHEDULE = (3.0, 3.0, 2.0, 1.0, 1.0, 0.5, 0.5, 0.0, 0.0, 0.0)
 """Pixels by which images are softened in the steps of Gauss-Newton on the look, one after the other."""
-SHARP = 0.5
-"""From here on blur is fitted, too; before, it would stand for edges that are not yet where they belong."""
+BLUR_FROM = 0.5
+"""Pixels of softness from which on blur is fitted, too; before, it would stand for edges that are not yet in place."""
 LONGEST = 2.0
 """Standard deviations expected of a parameter that a step changes it by at most."""
 TRIED = 4
 """Positions of the bank from which a pose without a predecessor is fitted."""
 UNSEEN = 0.3
 """Frames of whose motion a pose explains a smaller share tell nothing of the look."""
-
 SURE = 0.8
 """Share of a frame's motion that a pose in a look that nearly fits explains."""
 
@@ -87,15 +86,15 @@ def fit_look(
         Sample(r, f, find_pose(scene, values, lights[r], f, bank, lights[r].apply(bank.still))) for r, f in frames
     ]
     normal = np.diag(1 / spread**2)
-    for k, soft in enumerate(SOFT):
-        if soft <= SHARP < SOFT[k - 1]:  # what was taken for a pose in another look may be none
+    for k, soft in enumerate(SCHEDULE):
+        if soft <= BLUR_FROM < SCHEDULE[k - 1]:  # what was taken for a pose in another look may be none
             samples = [_again(scene, values, lights, s, bank) for s in samples]
         lights = _lights(scene, values, _seen(samples), lights)
         parts = [_Linear.of(scene, values, lights[s.recording], s, soft) for s in samples]
         seen = [part for part, s in zip(parts, samples, strict=True) if s.pose.explained > UNSEEN] or parts
         normal = np.diag(1 / spread**2) + sum(part.normal for part in seen)
         gradient = sum(part.gradient for part in seen) - (values - scene.nominal) / spread**2
-        free = slice(None) if soft <= SHARP else slice(-1)
+        free = slice(None) if soft <= BLUR_FROM else slice(-1)
         step = np.zeros(len(values))
         step[free] = np.linalg.solve(normal[free, free], gradient[free])
         step *= min(1.0, LONGEST / float(np.abs(step / spread).max()))

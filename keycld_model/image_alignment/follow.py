@@ -1,6 +1,6 @@
 """Poses of all frames of a recording, one after the other."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import mujoco
@@ -17,8 +17,6 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 WORSE = 3.0
 """A misfit of so many times the usual one is looked at again from elsewhere."""
-REACH = 1.5
-"""Steps back in time, in usual intervals, beyond which a motion is not continued."""
 
 
 def follow(
@@ -28,7 +26,6 @@ def follow(
     times: Array,
     frames: NDArray[np.uint8],
     bank: Bank,
-    advance: Callable[..., None] | None = None,
 ) -> list[Pose]:
     """Poses of consecutive frames; each begins where the last three lead to.
 
@@ -41,7 +38,6 @@ def follow(
         times: `[T]` of the frames, s.
         frames: `[T, H, W, 3]`.
         bank: drawings of the scene.
-        advance: called after each frame.
     """
     still, turn = light.apply(bank.still), _turns(scene.model)
     poses: list[Pose] = []
@@ -58,8 +54,6 @@ def follow(
         q = np.where(turn, pose.q - 2 * np.pi * np.round((pose.q - near) / (2 * np.pi)), pose.q)
         poses.append(replace(pose, q=q))
         misfits.append(pose.misfit)
-        if advance is not None:
-            advance()
     return poses
 
 

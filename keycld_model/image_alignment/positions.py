@@ -17,7 +17,7 @@ from keycld_envs.workers import each
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.calibration import reading_error
 from keycld_model.image_alignment.films import Films, read_films
-from keycld_model.image_alignment.fit_look import SOFT, Look, fit_look
+from keycld_model.image_alignment.fit_look import SCHEDULE, Look, fit_look
 from keycld_model.image_alignment.follow import follow
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import LookParameter
@@ -25,6 +25,7 @@ from keycld_model.image_alignment.pose import Pose
 from keycld_model.image_alignment.scene import Scene
 
 Array = NDArray[np.float64]
+Job = tuple[Light, Array, NDArray[np.uint8]]
 FRAMES = 18
 """Frames that the look is fitted to."""
 TRUSTED = 0.5
@@ -90,23 +91,19 @@ def read_positions(
     quality: Quality = "full" if recordings[0].render_quality == "full" else "fast"
     name = _camera(recordings, model, camera)
     with progress("Reading positions off images", total=films.number + 300) as advance:
-        scene = Scene(model, name, films.size, quality)
-        try:
+        with Scene(model, name, films.size, quality) as scene:
             stills = [np.median(f[:: max(1, len(f) // 60)], axis=0).astype(np.float32) for f in films.frames]
             bank = Bank(scene, scene.nominal)
             advance(100)
-            look = fit_look(scene, stills, films.spread(FRAMES), bank, partial(advance, 200 // len(SOFT)))
-            bank, parameters = Bank(scene, look.values), scene.parameters
-        finally:
-            scene.close()
-        job = partial(_follow, model, name, quality, look.values, bank)
+            look = fit_look(scene, stills, films.spread(FRAMES), bank, partial(advance, 200 // len(SCHEDULE)))
+            reader, parameters = _Reader(model, name, quality, look.values, Bank(scene, look.values)), scene.parameters
         jobs = list(zip(look.lights, films.times, films.frames, strict=True))
         followed = []
-        for poses in each(job, jobs, min(workers, len(jobs))):
+        for poses in each(reader.follow, jobs, min(workers, len(jobs))):
             followed.append(poses)
             advance(len(poses))
         typical = int(np.argsort([_travelled(poses) for poses in followed])[len(followed) // 2])
-        error = _error(model, name, quality, look.values, bank, jobs[typical], followed[typical])
+        error = reader.error(jobs[typical], followed[typical])
     return _positions(recordings, model, films, followed, look, parameters, name, error)
 
 
@@ -115,39 +112,29 @@ def _travelled(poses: Sequence[Pose]) -> float:
     return float(np.mean(np.abs(np.diff([pose.q for pose in poses], axis=0))))
 
 
-def _error(
-    model: mujoco.MjModel,
-    camera: str,
-    quality: Quality,
-    look: Array,
-    bank: Bank,
-    job: tuple[Light, Array, NDArray[np.uint8]],
-    poses: Sequence[Pose],
-) -> Array:
-    """Of positions that were read off one recording, see `reading_error`."""
-    light, times, frames = job
-    scene = Scene(model, camera, (frames.shape[1], frames.shape[2]), quality)
-    try:
-        return reading_error(scene, look, light, times, frames, poses, bank)
-    finally:
-        scene.close()
+@dataclass(frozen=True)
+class _Reader:
+    """Reads recordings with a look that is known, in any process; a job is the light, times and frames of one."""
 
+    model: mujoco.MjModel
+    camera: str
+    quality: Quality
+    look: Array
+    bank: Bank
 
-def _follow(
-    model: mujoco.MjModel,
-    camera: str,
-    quality: Quality,
-    look: Array,
-    bank: Bank,
-    job: tuple[Light, Array, NDArray[np.uint8]],
-) -> list[Pose]:
-    """Poses of one recording, in a process of its own."""
-    light, times, frames = job
-    scene = Scene(model, camera, (frames.shape[1], frames.shape[2]), quality)
-    try:
-        return follow(scene, look, light, times, frames, bank)
-    finally:
-        scene.close()
+    def follow(self, job: Job) -> list[Pose]:
+        """Poses of all frames."""
+        with self._scene(job) as scene:
+            return follow(scene, self.look, *job, self.bank)
+
+    def error(self, job: Job, poses: Sequence[Pose]) -> Array:
+        """Of positions that were read, see `reading_error`."""
+        with self._scene(job) as scene:
+            return reading_error(scene, self.look, *job, poses, self.bank)
+
+    def _scene(self, job: Job) -> Scene:
+        height, width = job[2].shape[1:3]
+        return Scene(self.model, self.camera, (height, width), self.quality)
 
 
 def _camera(recordings: Sequence[Recording], model: mujoco.MjModel, camera: str | None) -> str:

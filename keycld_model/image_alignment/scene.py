@@ -13,18 +13,17 @@ from keycld_model.image_alignment.look import CAMERA, lengthen, look_parameters,
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
-SHARP = 1e-3
+LEAST_BLUR = 1e-3
 """A blur of fewer pixels is none."""
 STEP = 0.7
 """How far finite differences move what is seen, pixels: less drowns in the steps of pixels, more is not linear."""
-
 BLUR_STEP = 0.1
 """Step of the variance of a blur, square pixels."""
 
 
 def softened(image: Image, blur: float) -> Image:
     """An image `[H, W, 3]` blurred by a Gaussian of so many pixels."""
-    return np.asarray(gaussian_filter(image, (blur, blur, 0)), np.float32) if blur > SHARP else image
+    return np.asarray(gaussian_filter(image, (blur, blur, 0)), np.float32) if blur > LEAST_BLUR else image
 
 
 class Scene:
@@ -51,7 +50,10 @@ class Scene:
         self._renderer = Renderer(self._drawn, size[1], size[0], quality)
         self._lengths = self.nominal
 
-    def close(self) -> None:
+    def __enter__(self) -> "Scene":
+        return self
+
+    def __exit__(self, *_: object) -> None:
         """Free OpenGL."""
         self._renderer.close()
 

@@ -1,6 +1,5 @@
 """What a camera that is not quite the simulator's shows of a sealed case."""
 
-import copy
 import io
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -102,19 +101,15 @@ def _gain(light: float, spread: float, rng: np.random.Generator) -> tuple[float,
 
 
 class Studio:
-    """Films one system, whose links are as long as they are.
-
-    Attributes:
-        model: of the system.
-    """
+    """Films one system, whose links are as long as they are."""
 
     def __init__(self, system: str, errors: ParameterErrors) -> None:
         """Opens OpenGL."""
         declared = get_system(system)
-        self._camera, self.model = declared.camera, declared.compile()
-        lengthen(self.model, errors)
-        self._data = mujoco.MjData(self.model)
-        self._renderer = Renderer(copy.copy(self.model), SIZE, SIZE, "fast")
+        self._camera, self._model = declared.camera, declared.compile()
+        lengthen(self._model, errors)
+        self._data = mujoco.MjData(self._model)
+        self._renderer = Renderer(self._model, SIZE, SIZE, "fast")
 
     def __enter__(self) -> "Studio":
         return self
@@ -127,8 +122,8 @@ class Studio:
         out = []
         for q in positions:
             self._data.qpos[:] = q
-            mujoco.mj_kinematics(self.model, self._data)
-            mujoco.mj_camlight(self.model, self._data)
+            mujoco.mj_kinematics(self._model, self._data)
+            mujoco.mj_camlight(self._model, self._data)
             out.append(film.develop(self._renderer.render(self._data, self._camera, film.view), rng))
         return np.stack(out)
 
