@@ -64,9 +64,8 @@ def table(results: Sequence[Result]) -> Table:
         found = _of(results, model)
         if not found:
             continue
-        cells = [interval([r["scores"][name] for r in found]) for name in MEASURES]
         seconds = [r["seconds"] for r in found if r["seconds"] is not None]
-        rows.append((title, *cells, f"{max(seconds):.0f}" if seconds else "–", str(len(found))))
+        rows.append((title, *_errors(found), f"{max(seconds):.0f}" if seconds else "–", str(len(found))))
         if published := PUBLISHED.get(model):
             rows.append((f"{title}, published", *(f"{published[name]:.3g}" for name in MEASURES), "–", "10"))
     return Table(
@@ -97,17 +96,13 @@ def fewer(results: Sequence[Result]) -> Table:
 
 def noisy(results: Sequence[Result], level: float) -> Table:
     """Errors of models that were learned from noisy positions."""
-    rows = []
-    for model, title in TITLES.items():
-        if found := _of(results, model):
-            cells = [interval([r["scores"][name] for r in found]) for name in MEASURES]
-            rows.append((title, *cells, str(len(found))))
+    of_models = ((title, _of(results, model)) for model, title in TITLES.items())
     return Table(
         f"Errors on the characters e, q and v, learned from positions with {level:.2g} of their spread as noise",
         "Velocities and accelerations were estimated; the test is without noise. Mean over seeds of both, "
         f"and its {CONFIDENCE:.0%} interval (Student).",
         ("model", *MEASURES.values(), "seeds"),
-        tuple(rows),
+        tuple((title, *_errors(found), str(len(found))) for title, found in of_models if found),
     )
 
 
@@ -118,6 +113,11 @@ def interval(values: Sequence[float]) -> str:
         return f"{mean:.3g}"
     half = stats.t.ppf((1 + CONFIDENCE) / 2, number - 1) * stats.sem(values)
     return f"{mean:.3g} ± {half:.1g}"
+
+
+def _errors(found: Sequence[Result]) -> list[str]:
+    """Of one model, a cell for each measure."""
+    return [interval([r["scores"][name] for r in found]) for name in MEASURES]
 
 
 def _of(results: Sequence[Result], model: str) -> list[Result]:

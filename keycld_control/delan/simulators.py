@@ -140,8 +140,7 @@ def identified(recordings: Sequence[Recording], model: mujoco.MjModel) -> Simula
     Raises:
         MissingPackage: if the extra `sysid` is not installed.
     """
-    found = sysid.simulator_of(recordings, model)
-    return Simulated(found.model, found.effects, found.zeros)
+    return Simulated(*sysid.simulator_of(recordings, model))
 
 
 METHODS: Mapping[str, Callable[[Sequence[Recording], mujoco.MjModel], Simulated]] = {

@@ -40,21 +40,6 @@ class Fit:
     variances: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Identified:
-    """What was identified in one set of recordings.
-
-    Attributes:
-        model: with masses and rotors.
-        effects: frictions, springs, constant forces, gains and delays.
-        zeros: `[nq]` of the encoders, rad or m.
-    """
-
-    model: mujoco.MjModel
-    effects: tuple[Effect, ...]
-    zeros: Array
-
-
 def sysid(new: Sequence[Recording], baseline: Sequence[Recording], model: mujoco.MjModel) -> Answer:
     """The number that differs most between the sets.
 
@@ -75,8 +60,14 @@ def sysid(new: Sequence[Recording], baseline: Sequence[Recording], model: mujoco
     return answer([_difference(*numbers) for numbers in zip(own, b.values - a.values, variances, strict=True)])
 
 
-def simulator_of(recordings: Sequence[Recording], model: mujoco.MjModel) -> Identified:
+def simulator_of(
+    recordings: Sequence[Recording], model: mujoco.MjModel
+) -> tuple[mujoco.MjModel, tuple[Effect, ...], Array]:
     """All numbers, identified in one set of recordings.
+
+    Returns:
+        The model with masses and rotors; frictions, springs, constant forces, gains and delays; and zeros `[nq]` of the
+        encoders, rad or m.
 
     Raises:
         MissingPackage: if what mujoco.sysid imports is not installed.
@@ -86,7 +77,7 @@ def simulator_of(recordings: Sequence[Recording], model: mujoco.MjModel) -> Iden
     numbers = {t.name: value for t, value in zip([*always, *own], values, strict=True)}
     effects = tuple(_effect(t, numbers[t.name]) for t in own)
     zeros = [numbers[f"encoder_zero at {model.joint(j).name}"] for j in range(model.njnt)]
-    return Identified(edited(model, always, numbers, model.opt.timestep), effects, np.array(zeros))
+    return edited(model, always, numbers, model.opt.timestep), effects, np.array(zeros)
 
 
 def installed() -> Any:
