@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,8 @@ SUFFIXES = (".mp4", ".gif")
 PANEL, STRIP = 384, 96
 """Width and height of the image, height of the energy strip below, pixels."""
 FRAME_RATE = {".mp4": 50.0, ".gif": 20.0}
-_DETAIL = 2  # drawn at this multiple of the size, then reduced, for smooth lines
-KEYPOINT, _TARGET, CURVE, _INK, _GROUND = "#ffd23f", "#ffffff", "#ff8c42", "#c8cdd3", "#15191e"
+DETAIL = 2  # drawn at this multiple of the size, then reduced, for smooth lines
+KEYPOINT, _TARGET, CURVE, INK, GROUND = "#ffd23f", "#ffffff", "#ff8c42", "#c8cdd3", "#15191e"
 
 
 @dataclass(frozen=True)
@@ -115,10 +116,11 @@ def draw_clip(
     last = max(moments[-1].time, 1e-9)
     curve = [((moment.time / last), height) for moment, height in zip(moments, heights[:-1], strict=True)]
     for i, moment in enumerate(moments):
-        canvas = Image.new("RGB", (_DETAIL * panel, _DETAIL * (panel + strip)), _GROUND)
-        canvas.paste(Image.fromarray(moment.image).resize((_DETAIL * panel, _DETAIL * panel), Image.Resampling.NEAREST))
+        canvas = Image.new("RGB", (DETAIL * panel, DETAIL * (panel + strip)), GROUND)
+        canvas.paste(Image.fromarray(moment.image).resize((DETAIL * panel, DETAIL * panel), Image.Resampling.NEAREST))
         draw = ImageDraw.Draw(canvas)
-        _draw_mechanism(draw, mechanism, moment, target, pivot, panel)
+        _draw_target(draw, target, moment.image.shape, panel)
+        draw_mechanism(draw, mechanism, moment.keypoints, pivot, moment.image.shape, panel)
         text = f"{label}  {moment.time:4.1f} s"
         _draw_energy(draw, curve[: i + 1], float(heights[-1]), text, panel, strip)
         yield np.asarray(canvas.resize((panel, panel + strip), Image.Resampling.BOX))
@@ -138,10 +140,11 @@ def write_clip(path: Path, pictures: Iterator[NDArray[np.uint8]], frame_rate: fl
                 file, "GIF", save_all=True, append_images=images[1:], duration=milliseconds, loop=0, optimize=True
             )
             return
+        first = next(pictures)
         write_video(
             Path(file.name),
-            pictures,
-            (PANEL, PANEL + STRIP),
+            chain([first], pictures),
+            (first.shape[1], first.shape[0]),
             frame_rate,
             codec="libx264",
             output_params=["-crf", "20", "-preset", "fast", "-movflags", "+faststart", "-f", "mp4"],
@@ -152,41 +155,54 @@ def _to_canvas(points: NDArray[np.float32], shape: tuple[int, ...], panel: int) 
     """Image units `[..., 2]` to canvas pixels; -1 and 1 are the centres of the outermost pixels."""
     size = np.array([shape[1], shape[0]])
     pixels = (points * [1, -1] + 1) / 2 * (size - 1)
-    return (pixels + 0.5) / size * (_DETAIL * panel)
+    return (pixels + 0.5) / size * (DETAIL * panel)
 
 
-def _draw_mechanism(
+def draw_mechanism(
     draw: ImageDraw.ImageDraw,
     mechanism: Mechanism,
-    moment: Moment,
-    target: NDArray[np.float32],
+    points: NDArray[np.float32],
     pivot: NDArray[np.float32],
+    shape: tuple[int, ...],
     panel: int,
 ) -> None:
-    radius = 5 * _DETAIL
-    points, rings, origin = (_to_canvas(p, moment.image.shape, panel) for p in (moment.keypoints, target, pivot))
-    for x, y in rings:
-        r = 1.6 * radius
-        draw.ellipse((x - r, y - r, x + r, y + r), outline=_TARGET, width=_DETAIL)
+    """Keypoints and rods on an image that was enlarged to a canvas.
+
+    Args:
+        draw: of the canvas, `DETAIL * panel` pixels wide and high.
+        mechanism: tells which keypoints rods connect.
+        points: `[K, 2]` keypoints, image units.
+        pivot: `[2]`, image units.
+        shape: of the image, (H, W, ...).
+        panel: width and height of the picture that the canvas becomes, pixels.
+    """
+    radius = 5 * DETAIL
+    places, origin = _to_canvas(points, shape, panel), _to_canvas(pivot, shape, panel)
     for rod in mechanism.rods:
-        start = origin if rod.start is None else points[rod.start]
-        draw.line((*start, *points[rod.end]), fill=KEYPOINT, width=_DETAIL)
-    for x, y in points:
-        draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=KEYPOINT, outline=_GROUND, width=_DETAIL)
+        start = origin if rod.start is None else places[rod.start]
+        draw.line((*start, *places[rod.end]), fill=KEYPOINT, width=DETAIL)
+    for x, y in places:
+        draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=KEYPOINT, outline=GROUND, width=DETAIL)
+
+
+def _draw_target(draw: ImageDraw.ImageDraw, target: NDArray[np.float32], shape: tuple[int, ...], panel: int) -> None:
+    r = 8 * DETAIL
+    for x, y in _to_canvas(target, shape, panel):
+        draw.ellipse((x - r, y - r, x + r, y + r), outline=_TARGET, width=DETAIL)
 
 
 def _draw_energy(
     draw: ImageDraw.ImageDraw, curve: list[tuple[float, float]], target: float, text: str, panel: int, strip: int
 ) -> None:
     """The curve, in shares of the strip's width and height, and the target's level as a dashed line."""
-    margin, top = 10 * _DETAIL, (panel + 24) * _DETAIL
-    width, height = panel * _DETAIL - 2 * margin, (strip - 34) * _DETAIL
+    margin, top = 10 * DETAIL, (panel + 24) * DETAIL
+    width, height = panel * DETAIL - 2 * margin, (strip - 34) * DETAIL
     level = top + target * height
-    for x in range(margin, margin + width, 12 * _DETAIL):
-        draw.line((x, level, x + 6 * _DETAIL, level), fill=_INK, width=_DETAIL)
+    for x in range(margin, margin + width, 12 * DETAIL):
+        draw.line((x, level, x + 6 * DETAIL, level), fill=INK, width=DETAIL)
     line = [(margin + x * width, top + y * height) for x, y in curve]
     if len(line) > 1:
-        draw.line(line, fill=CURVE, width=2 * _DETAIL, joint="curve")
+        draw.line(line, fill=CURVE, width=2 * DETAIL, joint="curve")
     x, y = line[-1]
-    draw.ellipse((x - 3 * _DETAIL, y - 3 * _DETAIL, x + 3 * _DETAIL, y + 3 * _DETAIL), fill=CURVE)
-    draw.text((margin, (panel + 4) * _DETAIL), text, fill=_INK, font_size=11 * _DETAIL)
+    draw.ellipse((x - 3 * DETAIL, y - 3 * DETAIL, x + 3 * DETAIL, y + 3 * DETAIL), fill=CURVE)
+    draw.text((margin, (panel + 4) * DETAIL), text, fill=INK, font_size=11 * DETAIL)

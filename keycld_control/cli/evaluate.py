@@ -17,6 +17,7 @@ class Args:
         data: Folder of recordings.
         context: Frames that each prediction starts from.
         frames: Recordings are cut into sequences of at most this many frames.
+        video: Clip of six of the predictions beside what was recorded, .mp4 or .gif.
         json: Print one JSON object.
     """
 
@@ -24,6 +25,7 @@ class Args:
     data: Path
     context: int = 5
     frames: int = 50
+    video: Path | None = None
     json: bool = False
 
 
@@ -33,5 +35,14 @@ def run(args: Args) -> None:
     from keycld_model import WorldModel
     from keycld_model.evaluation import evaluate
 
-    scores = evaluate(WorldModel.load(args.checkpoint), read_dataset(args.data), args.context, args.frames)
+    if args.video is not None:
+        from keycld_control.video import check_clip_path
+
+        check_clip_path(args.video)
+    model, dataset = WorldModel.load(args.checkpoint), read_dataset(args.data)
+    scores = evaluate(model, dataset, args.context, args.frames)
+    if args.video is not None:
+        from keycld_control.prediction_clip import film_predictions
+
+        film_predictions(model, dataset, args.video, args.context, args.frames)
     print_result(asdict(scores), as_json=args.json)

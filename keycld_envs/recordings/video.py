@@ -85,12 +85,15 @@ def _not_whole(path: Path) -> InputError:
     return InputError(f"{Path(*parts)} could not be written whole; free space on its disk and run again.")
 
 
-def decode(path: Path, size: tuple[int, int] | None = None) -> Iterator[Frame]:
+def decode(
+    path: Path, size: tuple[int, int] | None = None, crop: tuple[int, int, int, int] | None = None
+) -> Iterator[Frame]:
     """Decode a video frame by frame, in constant memory, without dropping or repeating frames, turned as it is shown.
 
     Args:
         path: a file ffmpeg can read.
         size: (W, H) to reduce frames to by averaging areas, pixels; by default they stay as they are.
+        crop: (left, top, W, H) of the part that is kept before that, pixels, inside the frame.
 
     Yields:
         [H, W, 3] uint8, RGB.
@@ -100,7 +103,9 @@ def decode(path: Path, size: tuple[int, int] | None = None) -> Iterator[Frame]:
         ValueError: if it is no regular file, or, after the last frame, if the decoder reported an error.
     """
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", "-i", str(check_file(path)), "-map", "0:v:0"]
-    command += [] if size is None else ["-vf", f"scale={size[0]}:{size[1]}:flags=area"]
+    filters = [] if crop is None else ["crop={2}:{3}:{0}:{1}:exact=1".format(*crop)]
+    filters += [] if size is None else [f"scale={size[0]}:{size[1]}:flags=area"]
+    command += ["-vf", ",".join(filters)] if filters else []
     command += ["-fps_mode", "passthrough", "-pix_fmt", "rgb24", "-c:v", "ppm", "-f", "image2pipe", "-"]
     with tempfile.TemporaryFile() as log, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log) as decoder:
         assert decoder.stdout is not None

@@ -1,6 +1,6 @@
 """How good a world model is, measured on recordings."""
 
-from keycld_model.evaluation.evaluate import Evaluation, evaluate
+from keycld_model.evaluation.evaluate import Evaluation, counted_sequences, evaluate
 from keycld_model.evaluation.valid_prediction_time import (
     frame_errors,
     prediction_errors,
@@ -12,6 +12,7 @@ from keycld_model.evaluation.valid_prediction_time import (
 
 __all__ = [
     "Evaluation",
+    "counted_sequences",
     "evaluate",
     "frame_errors",
     "prediction_errors",

@@ -70,10 +70,7 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
     Raises:
         InputError: if the recordings are of another system, size or frame rate, or have other actions.
     """
-    if frames < 2:
-        raise InputError(f"frames is {frames}; a sequence needs at least 2.")
-    own = (model.meta or {}).get("data", {}).get("sha256") == dataset.sha256
-    stacked = _sequences(model, dataset, own, frames)
+    stacked = counted_sequences(model, dataset, frames)
     n, t = stacked.frames.shape[:2]
     if not 2 <= context <= t:
         raise InputError(f"context is {context}; it must be between 2 and the {t} frames of a sequence.")
@@ -84,7 +81,7 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
     index = np.minimum(valid_frames(errors, static_error(stacked.frames)), t - 1)
     return Evaluation(
         system=model.system,
-        split="validation" if own else "all",
+        split="validation" if _own(model, dataset) else "all",
         sequences=n,
         frames=t,
         context=context,
@@ -99,14 +96,20 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
     )
 
 
-def _sequences(model: WorldModel, dataset: Dataset, own: bool, frames: int) -> Sequences:
-    """Those that count, if they are of the model's system; of the model's own training set, the held-out ones."""
+def counted_sequences(model: WorldModel, dataset: Dataset, frames: int = 50) -> Sequences:
+    """The sequences that an evaluation counts: of the model's own training set, the held-out ones, of others, all.
+
+    Raises:
+        InputError: as `evaluate`.
+    """
+    if frames < 2:
+        raise InputError(f"frames is {frames}; a sequence needs at least 2.")
     if model.system is not None and dataset.system is not None and not same_system(model.system, dataset.system):
         raise InputError(
             f"{model.name} is a model of {model.system}, {dataset.folder} records {dataset.system}; evaluate it on "
             "recordings of its own system."
         )
-    if own and model.meta:
+    if _own(model, dataset) and model.meta:
         dataset = dataset.split(model.meta["validation"])[1]
     stacked = dataset.sequences().cut(frames)
     if (found := stacked.actions.shape[-1]) != (wanted := model.mechanism.num_actions):
@@ -120,6 +123,11 @@ def _sequences(model: WorldModel, dataset: Dataset, own: bool, frames: int) -> S
             f"{model.timestep:g} s; record at that rate."
         )
     return stacked
+
+
+def _own(model: WorldModel, dataset: Dataset) -> bool:
+    """Whether the model was trained on this data set."""
+    return (model.meta or {}).get("data", {}).get("sha256") == dataset.sha256
 
 
 def _interval(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -1,0 +1,279 @@
+"""A data set from a video: a square part of it, reduced, and cut into recordings of steady frame rate."""
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from keycld_envs.errors import InputError
+from keycld_envs.files import atomic_folder
+from keycld_envs.progress import Advance
+from keycld_envs.recordings.recording import Recording
+from keycld_envs.recordings.storage import write_recording
+from keycld_envs.recordings.video import decode, frame_times
+
+SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mpg", ".mpeg")
+LOOK = 320
+"""Width at which motion is looked for, pixels."""
+SAMPLES = 64
+"""Frames in which it is looked for, at least, evenly spread; twice as many at most."""
+MOVES = 24
+"""Grey levels by which a pixel differs from its median now and then, where something moves: far above compression's."""
+SPECKS = 3
+"""Pixels of the look in a row or column with motion, below which they are specks."""
+MARGIN = 0.12
+"""Of the moving region's longer side, left free around it."""
+STEADY = 0.05
+"""Share by which intervals between frames may differ, as in training."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a first look at a video tells.
+
+    Attributes:
+        size: (W, H) as it is shown, pixels.
+        times: [T], seconds.
+        moving: (left, top, right, bottom) of the region in which anything moves, pixels; None if nothing does.
+    """
+
+    size: tuple[int, int]
+    times: NDArray[np.float64]
+    moving: tuple[float, float, float, float] | None
+
+
+@dataclass(frozen=True)
+class Square:
+    """A square part of a picture, which may reach beyond its border.
+
+    Attributes:
+        left: column of its first pixel.
+        top: row of its first pixel.
+        side: pixels.
+    """
+
+    left: int
+    top: int
+    side: int
+
+    def units(self, column: float, row: float) -> tuple[float, float]:
+        """A pixel of the video in image units of the square: -1 and 1 at the centres of its outermost pixels, y up."""
+        middle = (self.side - 1) / 2
+        return (column - self.left) / middle - 1, 1 - (row - self.top) / middle
+
+    def pixel(self, x: float, y: float) -> tuple[float, float]:
+        """The inverse of `units`."""
+        middle = (self.side - 1) / 2
+        return self.left + (x + 1) * middle, self.top + (1 - y) * middle
+
+
+def look_at(path: Path, fps: float | None = None) -> Look:
+    """Decode a video once.
+
+    Args:
+        path: a file ffmpeg can read.
+        fps: frames per second, in place of the file's time stamps.
+
+    Raises:
+        InputError: if it is missing, damaged, cut short or too short, or does not say when its frames were taken.
+    """
+    if fps is not None and not 0 < fps < math.inf:
+        raise InputError(f"--fps is {fps}; it must be a positive number of frames per second.")
+    try:
+        size, count, samples = _samples(path)
+        times = frame_times(path) if fps is None else np.arange(count) / fps
+    except FileNotFoundError as error:
+        raise InputError(f"{path} does not exist; name a video file.") from error
+    except (OSError, ValueError) as error:
+        why = str(error).strip().rstrip(".")[:200] or type(error).__name__
+        raise InputError(f"{path} cannot be decoded as a video ({why}); copy or export it again.") from error
+    if len(times) != count:
+        raise InputError(
+            f"{path} has no rising time stamp for each of its {count} frames; say how fast it was filmed with --fps."
+        )
+    return Look(size, times, _moving(samples, size))
+
+
+def square_around(
+    look: Look, place: tuple[float, float] = (0.0, 0.0), pivot: tuple[float, float] | None = None
+) -> Square:
+    """The smallest square that holds all that moves.
+
+    Args:
+        look: at the video.
+        place: where the pivot shall be in the square, image units.
+        pivot: (column, row) of the fixed pivot in the video, pixels; without, what moves is in the middle.
+
+    Raises:
+        InputError: if nothing moves, or the pivot is where no square can have it there.
+    """
+    if look.moving is None:
+        raise InputError("Nothing moves in the video; name the part to keep with --crop LEFT TOP SIDE.")
+    left, top, right, bottom = look.moving
+    free = MARGIN * max(right - left, bottom - top)
+    left, top, right, bottom = left - free, top - free, right + free, bottom + free
+    if pivot is None:
+        side = math.ceil(max(right - left, bottom - top))
+        return Square(round((left + right - side) / 2), round((top + bottom - side) / 2), side)
+    x, y = (place[0] + 1) / 2, (1 - place[1]) / 2  # shares of the side to the left of the pivot, and above it
+    if not (0 < x < 1 and 0 < y < 1):
+        raise InputError(f"The mechanism has its pivot at {place}, outside its picture; name --crop LEFT TOP SIDE.")
+    needed = ((pivot[0] - left) / x, (right - pivot[0]) / (1 - x), (pivot[1] - top) / y, (bottom - pivot[1]) / (1 - y))
+    side = math.ceil(max(needed))
+    return Square(round(pivot[0] - x * (side - 1)), round(pivot[1] - y * (side - 1)), side)
+
+
+@dataclass(frozen=True)
+class Cut:
+    """How a video becomes recordings.
+
+    Attributes:
+        size: width and height of the frames to write, pixels.
+        frames: of each recording.
+        every: keep one in so many frames.
+        licence: of the video.
+        origin: where it comes from; by default the file's name.
+    """
+
+    size: int = 64
+    frames: int = 50
+    every: int = 1
+    licence: str = ""
+    origin: str = ""
+
+    def __post_init__(self) -> None:
+        for name, least in (("size", 8), ("frames", 5), ("every", 1)):
+            if (value := getattr(self, name)) < least:
+                raise InputError(f"--{name} is {value}; it must be {least} at least.")
+
+
+def write_parts(path: Path, out: Path, look: Look, square: Square, advance: Advance, cut: Cut = Cut()) -> int:
+    """Write recordings `NAME-0000`, `NAME-0001`, ... of consecutive frames, without actions, as a data set.
+
+    Where the camera left out frames, a recording ends; what is left of less than `cut.frames` is not used.
+
+    Args:
+        path: the video.
+        out: folder to create, complete or not at all.
+        look: at it.
+        square: the part that is kept; beyond the border, the border's pixels are repeated.
+        advance: called for every frame.
+        cut: sizes, and where the video comes from.
+
+    Returns:
+        How many recordings were written.
+
+    Raises:
+        InputError: if the folder exists, the square shows nothing of the video, or nothing is long enough.
+    """
+    width, height = look.size
+    if not (-square.side < square.left < width and -square.side < square.top < height):
+        named = f"{square.left} {square.top} {square.side}"
+        raise InputError(f"--crop {named} shows nothing of {path}, which is {width}×{height} pixels; name another.")
+    times = look.times[:: cut.every]
+    starts = _steady(times, cut.frames)
+    if not starts:
+        raise InputError(
+            f"{path} has no {cut.frames} frames in a row of steady rate (one in {cut.every} of {len(look.times)} is "
+            "kept); film for longer, or choose fewer --frames."
+        )
+    last = {start + cut.frames - 1: number for number, start in enumerate(starts)}
+    buffer: deque[NDArray[np.uint8]] = deque(maxlen=cut.frames)
+    try:
+        with atomic_folder(out) as partial:
+            for i, frame in enumerate(_reduced(path, look.size, square, cut.size)):
+                advance()
+                k, left_out = divmod(i, cut.every)
+                if left_out:
+                    continue
+                buffer.append(frame)
+                if k in last:
+                    part = _part(path, last[k], times[k + 1 - cut.frames : k + 1], np.stack(buffer), square, look, cut)
+                    write_recording(partial / part.id, part)
+    except FileExistsError as error:
+        raise InputError(f"{out} exists already; choose another folder or remove it.") from error
+    return len(starts)
+
+
+def _part(
+    path: Path,
+    number: int,
+    times: NDArray[np.float64],
+    frames: NDArray[np.uint8],
+    square: Square,
+    look: Look,
+    cut: Cut,
+) -> Recording:
+    seen = {"crop": [square.left, square.top, square.side], "video": list(look.size)}
+    return Recording(
+        id=f"{path.stem}-{number:04d}",
+        source="real",
+        camera={"width": cut.size, "height": cut.size, **seen},
+        licence=cut.licence,
+        origin=cut.origin or path.name,
+        notes=f"{times[0]:.3f} s to {times[-1]:.3f} s of the video",
+        t_frame=times - times[0],
+        frames=frames,
+    )
+
+
+def _steady(times: NDArray[np.float64], frames: int) -> list[int]:
+    """Where runs of so many frames of steady rate start, one after the other."""
+    steps = np.diff(times)
+    off = np.abs(steps - np.median(steps)) > STEADY * np.median(steps)
+    starts, k = [], 0
+    while k + frames <= len(times):
+        gaps = np.flatnonzero(off[k : k + frames - 1])
+        if len(gaps):
+            k += int(gaps[-1]) + 1
+        else:
+            starts.append(k)
+            k += frames
+    return starts
+
+
+def _reduced(path: Path, size: tuple[int, int], square: Square, pixels: int) -> Iterator[NDArray[np.uint8]]:
+    """The square of every frame, [pixels, pixels, 3]."""
+    left, top = max(square.left, 0), max(square.top, 0)
+    right, bottom = min(square.left + square.side, size[0]), min(square.top + square.side, size[1])
+    beyond = (
+        (top - square.top, square.top + square.side - bottom),
+        (left - square.left, square.left + square.side - right),
+    )
+    for frame in decode(path, crop=(left, top, right - left, bottom - top)):
+        whole = np.pad(frame, (*beyond, (0, 0)), mode="edge") if any(map(any, beyond)) else frame
+        yield np.asarray(Image.fromarray(whole).resize((pixels, pixels), Image.Resampling.BOX))
+
+
+def _samples(path: Path) -> tuple[tuple[int, int], int, NDArray[np.uint8]]:
+    """Size and number of the frames, and some of them `[S, h, w, 3]`, reduced."""
+    size, count, every = (0, 0), 0, 1
+    kept: list[NDArray[np.uint8]] = []
+    for frame in decode(path):
+        if count % every == 0:
+            size = frame.shape[1], frame.shape[0]
+            share = min(1.0, LOOK / size[0])
+            small = max(1, round(size[0] * share)), max(1, round(size[1] * share))
+            kept.append(np.asarray(Image.fromarray(frame).resize(small, Image.Resampling.BOX)))
+            if len(kept) == 2 * SAMPLES:
+                kept, every = kept[::2], 2 * every
+        count += 1
+    if not kept:
+        raise ValueError("it holds no frame")
+    return size, count, np.stack(kept)
+
+
+def _moving(samples: NDArray[np.uint8], size: tuple[int, int]) -> tuple[float, float, float, float] | None:
+    """The region in which pixels differ from their median."""
+    away = np.abs(samples.astype(np.int16) - np.median(samples, axis=0).astype(np.int16)).max(axis=(0, 3))
+    moves = away > MOVES
+    columns, rows = (np.flatnonzero(moves.sum(axis=k) >= SPECKS) for k in (0, 1))
+    if not len(columns) or not len(rows):
+        return None
+    scale = size[0] / samples.shape[2]
+    return tuple(float(scale * edge) for edge in (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1))
