@@ -62,8 +62,8 @@ def run(args: Args) -> None:
     """Read, write, and say what was read."""
     from keycld_envs import resolve_env_id
 
-    about = {"licence": args.licence, "origin": args.origin}
-    about["system"] = None if args.system is None else resolve_env_id(args.system)
+    system = None if args.system is None else resolve_env_id(args.system)
+    about = {"licence": args.licence, "origin": args.origin, "system": system}
     result = _import_data_set(args, about) if args.file.is_dir() else _import_file(args, about)
     print_result(result, as_json=args.json)
 

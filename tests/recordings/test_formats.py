@@ -3,7 +3,6 @@
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,10 @@ from keycld_control.cli import main
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording, read_dataset, read_recording, write_recording
 from keycld_envs.recordings.importers import open_data_set, read_mcap
+from keycld_envs.recordings.storage import META
 from keycld_envs.recordings.validation import SIGNALS
 from keycld_envs.recordings.video import write_video
 
-META = [f.name for f in fields(Recording) if f.name not in (*SIGNALS, "frames", "video")]
 Make = Callable[..., Recording]
 
 
@@ -115,6 +114,7 @@ def test_rerun_reads_our_lerobot_data_set(tmp_path: Path, make_recording: Make) 
     assert reader.episodes() == [0, 1]
     columns = rrd_columns(reader.stream(1, video_mode="skip").collect())
     state = next(values for path, values in columns.items() if "observation.state" in path)
+    assert recordings[1].qpos is not None
     np.testing.assert_allclose(state.reshape(8, 2), recordings[1].qpos, rtol=1e-6)
 
 
@@ -141,7 +141,9 @@ def test_minari_of_others_needs_its_clock_and_units(tmp_path: Path, capsys: pyte
     episodes = zip(observations, actions, strict=True)
     nothing = [False] * 4
     made.update_episodes(
-        EpisodeBuffer(observations=o, actions=a, rewards=[0.0] * 4, terminations=nothing, truncations=nothing)
+        EpisodeBuffer(
+            observations=list(o), actions=list(a), rewards=[0.0] * 4, terminations=nothing, truncations=nothing
+        )
         for o, a in episodes
     )
     words = ["--time", "step", "--joint", "hinge=observations[2]", "--action", "motor=actions"]

@@ -1,7 +1,7 @@
 """A recording on one clock, as formats need it in which a step has an observation and an action."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings.recording import Recording
-from keycld_envs.recordings.validation import SIGNALS
+from keycld_envs.recordings.storage import META
 
 Array = NDArray[np.float64]
 ON_TIME = 1e-4
@@ -80,9 +80,7 @@ def on_one_clock(recording: Recording, clock: Array | None = None) -> Rows:
 
 def about(recording: Recording) -> dict[str, Any]:
     """The fields of a recording that are no arrays, as JSON has them."""
-    return {
-        f.name: getattr(recording, f.name) for f in fields(Recording) if f.name not in (*SIGNALS, "frames", "video")
-    }
+    return {name: getattr(recording, name) for name in META}
 
 
 def check_alike(recordings: Sequence[Recording]) -> None:

@@ -116,10 +116,11 @@ def _named(content: Any) -> Any:
     if not isinstance(content, Mapping):
         return content
     names = content.get("name")
-    by_name = isinstance(names, list) and bool(names) and all(isinstance(name, str) for name in names)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        names = []
     out = {}
     for key, value in content.items():
-        if by_name and isinstance(value, list) and len(value) == len(names) and key != "name":
+        if names and isinstance(value, list) and len(value) == len(names) and key != "name":
             value = dict(zip(names, value, strict=True))
         if key != "header":
             out[key] = _named(value)
@@ -135,14 +136,14 @@ def _table(path: Path, topics: Mapping[str, list[_Row]], others: set[str]) -> Ta
     if not topics:
         held = f"it holds only {', '.join(sorted(others))}" if others else "it holds no messages"
         raise ValueError(f"{held}; JSON and CDR messages of ROS 2 can be read")
-    start = min(min(row[:2]) for rows in topics.values() for row in rows)
+    start = min(min(measured, logged) for rows in topics.values() for measured, logged, _ in rows)
     columns = {}
     for topic, unsorted in topics.items():
         rows = sorted(unsorted, key=lambda row: row[0])
         names = list(dict.fromkeys(name for *_, numbers in rows for name in numbers))
         check_size(NUMBERS * len(rows) * len(names))
-        for i, clock in enumerate(("time", "log_time")):
-            columns[f"{topic}.{clock}"] = np.array([1e-9 * (row[i] - start) for row in rows])
+        columns[f"{topic}.time"] = np.array([1e-9 * (measured - start) for measured, _, _ in rows])
+        columns[f"{topic}.log_time"] = np.array([1e-9 * (logged - start) for _, logged, _ in rows])
         for name in names:
             column = f"{topic}.{name}" if name else topic
             columns.setdefault(column, np.array([numbers.get(name, np.nan) for *_, numbers in rows], float))
