@@ -36,8 +36,8 @@ def strip(model: WorldModel, test: Dataset, predict: bool) -> str:
         [_magnified(drawn) for drawn in _pixels(model.render(keypoints))],
     ]
     if predict:
-        prediction = model.predict(frames[:CONTEXT_FRAMES], stacked.actions[0], len(frames))
-        rows.append([_magnified(drawn) for drawn in _pixels(prediction.frames[shown])])
+        positions = model.rollout(frames[None, :CONTEXT_FRAMES], stacked.actions[:1], refine=False)[0][0]
+        rows.append([_magnified(drawn) for drawn in _pixels(model.render(positions[shown]))])
     picture = np.concatenate([np.concatenate(row, axis=1) for row in rows])
     file = io.BytesIO()
     Image.fromarray(picture).save(file, "PNG")

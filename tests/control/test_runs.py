@@ -5,6 +5,8 @@ import io
 import json
 import re
 import struct
+import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,9 @@ from keycld_control.cli import main
 from keycld_control.runs.page import NAME, TrainingPage, html_page
 from keycld_control.runs.strip import MAGNIFIED, strip
 from keycld_control.runs.trackers import tracker
-from keycld_envs.recordings import Dataset, Recording
+from keycld_envs.collect import CollectSettings, make_env, record_episode
+from keycld_envs.errors import InputError
+from keycld_envs.recordings import Dataset
 from keycld_model import WorldModel
 from keycld_model.checkpoint import write_checkpoint
 from keycld_model.stored import shipped_models
@@ -69,10 +73,9 @@ def test_page_is_written_at_the_end_however_short_the_training(tmp_path: Path) -
 @pytest.mark.render
 @pytest.mark.slow
 def test_strip_shows_frames_keypoints_and_prediction() -> None:
-    from keycld_envs.collect import CollectSettings, record_episode
-
-    recording = record_episode(CollectSettings("KeyCLD/Pendulum-v0", steps=20, seed=90), 0)
-    assert isinstance(recording, Recording)
+    settings = CollectSettings("KeyCLD/Pendulum-v0", steps=20, seed=90)
+    with closing(make_env(settings)) as env:
+        recording = record_episode(env, settings, 0)
     model = WorldModel.load("pendulum")
     png = strip(model, Dataset(Path("mine"), (recording,)), predict=True)
     picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(png)))).astype(float)
@@ -133,10 +136,6 @@ def test_runs_are_listed_with_their_scores(tmp_path: Path, capsys: pytest.Captur
 
 
 def test_a_missing_tracker_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
-    from keycld_envs.errors import InputError
-
     monkeypatch.setitem(sys.modules, "wandb", None)
     with pytest.raises(InputError, match=r"'keycld\[wandb\]'"), tracker("wandb", tmp_path, {}):
         pass

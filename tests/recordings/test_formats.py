@@ -274,6 +274,9 @@ def mcap(path: Path) -> tuple[np.ndarray, np.ndarray]:
         separator = "=" * 80
         text = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
         text += f"{separator}\nMSG: std_msgs/Header\n{time}{separator}\nMSG: builtin_interfaces/Time\n"
+        camera = ros.register_msgdef("camera/msg/Picture", "uint8[] data\nfloat64 exposure\n")
+        picture = {"data": bytes(5000), "exposure": 0.01}
+        ros.write_message("/camera", camera, picture, start + 10**9, start + 10**9)
         schema = ros.register_msgdef("sensor_msgs/msg/JointState", f"{text}int32 sec\nuint32 nanosec\n")
         for i, stamp in enumerate(stamps):
             order = [0, 1] if i % 2 else [1, 0]  # a publisher may change it
@@ -307,6 +310,11 @@ def test_mcap_joint_states_keep_the_sensors_clock(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.t_state, clock - clock[0], atol=1e-12)
     np.testing.assert_array_equal(recording.qpos, position)
     table = read_mcap(tmp_path / "log.mcap")
+    assert [name for name in table.columns if name.startswith("/camera")] == [
+        "/camera.time",
+        "/camera.log_time",
+        "/camera.exposure",
+    ]
     np.testing.assert_allclose(table.column("/joint_states.log_time") - recording.t_state, 3e-3, atol=1e-12)
 
 

@@ -48,14 +48,7 @@ def write_minari(recordings: Sequence[Recording], out: Path) -> list[str]:
             if storage is None:
                 space = spaces.Dict({name: _space(array) for name, array in observations.items()})
                 storage = new(folder / "data", space, _space(rows.action), jpeg_encoding=False)
-                storage.update_metadata(
-                    {
-                        "dataset_id": f"{out.name}-v0",
-                        "minari_version": version("minari"),
-                        "description": f"Recordings exported by keycld {__version__}",
-                        FIELDS: [json.dumps(about(r)) for r in recordings],
-                    }
-                )
+                storage.update_metadata(_metadata(out.name, recordings))
             steps = len(rows.action)
             ended = np.arange(steps) == steps - 1
             episode = buffer(
@@ -69,6 +62,15 @@ def write_minari(recordings: Sequence[Recording], out: Path) -> list[str]:
             lost |= dict.fromkeys(rows.lost)
             advance()
     return list(lost)
+
+
+def _metadata(name: str, recordings: Sequence[Recording]) -> dict[str, Any]:
+    return {
+        "dataset_id": f"{name}-v0",
+        "minari_version": version("minari"),
+        "description": f"Recordings exported by keycld {__version__}",
+        FIELDS: [json.dumps(about(recording)) for recording in recordings],
+    }
 
 
 def _observations(rows: Rows) -> dict[str, Any]:

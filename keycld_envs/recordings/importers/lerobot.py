@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from keycld_envs.errors import InputError
+from keycld_envs.errors import InputError, reason
 from keycld_envs.optional import optional
 from keycld_envs.reading import check_file, check_size, read_json
 from keycld_envs.recordings.importers.episode import Episode, stored_fields
@@ -170,8 +170,9 @@ def _whole(folder: Path, where: str) -> Iterator[None]:
     except InputError:
         raise
     except (OSError, ValueError, LookupError, TypeError, RuntimeError) as error:
-        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error) or type(error).__name__
-        raise InputError(f"{folder}, {where}, cannot be read ({reason}); name a whole LeRobot data set.") from error
+        raise InputError(
+            f"{folder}, {where}, cannot be read ({reason(error)}); name a whole LeRobot data set."
+        ) from error
 
 
 class _Video:

@@ -8,14 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from keycld_envs.errors import InputError
+from keycld_envs.errors import InputError, reason
 from keycld_envs.optional import optional
-from keycld_envs.reading import JSON_SHARE, check_file, check_size, parse_json
+from keycld_envs.reading import check_file, check_size, parse_json
 from keycld_envs.recordings.importers.json import numbers_in
 from keycld_envs.recordings.importers.table import Table
 
-NUMBERS = 8
-"""Bytes that a number takes in memory, at least."""
+NUMBER = 100
+"""Bytes that a number takes in memory while a file is read."""
+LONGEST = 1000
+"""Entries; a longer list holds an image or a cloud of points, and is left out."""
 
 
 def read_mcap(path: str | os.PathLike[str]) -> Table:
@@ -44,17 +46,20 @@ def read_mcap(path: str | os.PathLike[str]) -> Table:
     ros2 = optional("mcap_ros2.decoder", "mcap", "MCAP files").DecoderFactory()
     topics: dict[str, list[_Row]] = defaultdict(list)
     others: set[str] = set()
+    size = 0
     try:
         for channel, message, content in _messages(path, reader, ros2):
             if content is None:
                 others.add(f"{channel.topic} ({channel.message_encoding or 'no encoding'})")
             else:
-                topics[channel.topic].append(_row(content, message))
+                topics[channel.topic].append(row := _row(content, message))
+                size += NUMBER * (1 + len(row[2]))
+                check_size(size)
         return _table(path, topics, others)
     except FileNotFoundError as error:
         raise InputError(f"{path} does not exist; name an MCAP file.") from error
     except (OSError, ValueError) as error:
-        raise InputError(f"{path} cannot be read as MCAP ({error}); name a whole MCAP file.") from error
+        raise InputError(f"{path} cannot be read as MCAP ({reason(error)}); name a whole MCAP file.") from error
 
 
 _Row = tuple[int, int, dict[str, float]]
@@ -68,7 +73,7 @@ def _messages(path: Path, reader: Any, ros2: Any) -> Iterator[tuple[Any, Any, An
         OSError: if the file cannot be read.
         ValueError: if it is damaged.
     """
-    with open(check_file(path, JSON_SHARE), "rb") as file:
+    with open(check_file(path, share=0), "rb") as file:  # of any size: messages are read one by one
         try:
             for schema, channel, message in reader.make_reader(file, validate_crcs=True).iter_messages():
                 yield channel, message, _decoded(ros2, schema, channel, message)
@@ -90,7 +95,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, int | float | str):
         return value
     if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
+        return [_plain(entry) for entry in value] if len(value) <= LONGEST else None
     if hasattr(value, "__slots__"):
         return {name: _plain(getattr(value, name)) for name in value.__slots__}
     return None  # bytes, as of images
@@ -131,7 +136,7 @@ def _table(path: Path, topics: Mapping[str, list[_Row]], others: set[str]) -> Ta
     """Columns of all topics.
 
     Raises:
-        ValueError: if there are none, or they would fill the memory.
+        ValueError: if there are none, or they would fill the memory, as those of topics with ever new names do.
     """
     if not topics:
         held = f"it holds only {', '.join(sorted(others))}" if others else "it holds no messages"
@@ -141,7 +146,7 @@ def _table(path: Path, topics: Mapping[str, list[_Row]], others: set[str]) -> Ta
     for topic, unsorted in topics.items():
         rows = sorted(unsorted, key=lambda row: row[0])
         names = list(dict.fromkeys(name for *_, numbers in rows for name in numbers))
-        check_size(NUMBERS * len(rows) * len(names))
+        check_size(8 * len(rows) * len(names))
         columns[f"{topic}.time"] = np.array([1e-9 * (measured - start) for measured, _, _ in rows])
         columns[f"{topic}.log_time"] = np.array([1e-9 * (logged - start) for _, logged, _ in rows])
         for name in names:

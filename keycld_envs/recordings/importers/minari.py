@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.errors import InputError
+from keycld_envs.errors import InputError, reason
 from keycld_envs.optional import optional
 from keycld_envs.reading import check_size
 from keycld_envs.recordings.importers.episode import Episode, stored_fields
@@ -85,7 +85,7 @@ class MinariFolder:
         return images[self._camera or next(iter(images))]
 
     def _damaged(self, where: str, error: Exception) -> InputError:
-        return InputError(f"{self.folder}, {where}, cannot be read ({error}); name a whole Minari data set.")
+        return InputError(f"{self.folder}, {where}, cannot be read ({reason(error)}); name a whole Minari data set.")
 
 
 def _arrays(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
