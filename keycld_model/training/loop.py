@@ -245,7 +245,8 @@ class _Run:
         step = sum(s.steps for s in self.preset.stages[:stage]) + done
         position = {"stage": stage, "done": done, "step": step, "seconds": seconds}
         write_checkpoint(self.folder / STATE, tensors, {**self.meta, **position})
-        self._show(self._model.with_parameters(model_parameters(variables)), finished=False)
+        here = jax.tree.map(np.asarray, model_parameters(variables))  # what one process may reckon with alone
+        self._show(self._model.with_parameters(here), finished=False)
 
     def _show(self, model: WorldModel, *, finished: bool) -> None:
         for watcher in self.watchers:

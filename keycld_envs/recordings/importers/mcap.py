@@ -75,7 +75,8 @@ def _messages(path: Path, reader: Any, ros2: Any) -> Iterator[tuple[Any, Any, An
     """
     with open(check_file(path, share=0), "rb") as file:  # of any size: messages are read one by one
         try:
-            for schema, channel, message in reader.make_reader(file, validate_crcs=True).iter_messages():
+            messages = reader.make_reader(file, validate_crcs=True).iter_messages(log_time_order=False)
+            for schema, channel, message in messages:
                 yield channel, message, _decoded(ros2, schema, channel, message)
         except Exception as error:  # of four packages, which raise anything where bytes are not what they expect
             raise ValueError(f"{type(error).__name__} {error}".strip()) from error
