@@ -75,9 +75,9 @@ def _import_file(args: Args, about: dict[str, Any]) -> dict[str, Any]:
     from keycld_envs.recordings import write_recording
     from keycld_envs.recordings.importers import assemble, read_log
 
+    table, known = read_log(args.file, args.columns or None, drop_truncated_end=args.drop_truncated_end)
     if args.time is None:
         raise InputError(f"{args.file}: no column is named for the clock; name it, --time COLUMN.")
-    table, known = read_log(args.file, args.columns or None, drop_truncated_end=args.drop_truncated_end)
     recording = assemble(table, _columns(args, args.time, known), args.out.name, **about)
     write_recording(args.out, recording)
     assert recording.t_state is not None and recording.qpos is not None

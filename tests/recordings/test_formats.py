@@ -52,8 +52,12 @@ FORMATS = [("minari", "minari", 0.0), ("lerobot", "pyarrow", 1e-6)]
 
 
 @pytest.mark.parametrize("to, package, rtol", FORMATS)
-def test_round_trip_with_frames(to: str, package: str, rtol: float, tmp_path: Path, make_recording: Make) -> None:
+def test_round_trip_with_frames(
+    to: str, package: str, rtol: float, tmp_path: Path, make_recording: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip(package)
+    monkeypatch.chdir(tmp_path)
+    tmp_path = Path()  # names of folders as people type them
     start = 3.0 + 0.01 * np.arange(8)
     late = make_recording(1, t_frame=start, t_state=start, t_action=start[:-1], units=UNITS)
     recordings = [make_recording(0, units=UNITS), late]

@@ -38,6 +38,7 @@ def write_minari(recordings: Sequence[Recording], out: Path) -> list[str]:
     new = optional("minari.dataset.minari_storage", "minari", "Minari data sets").MinariStorage.new
     optional("h5py", "minari", "Minari data sets")
     check_alike(recordings)
+    out = out.resolve()  # Minari joins a relative path with itself
     lost: dict[str, None] = {}
     with atomic_folder(out) as folder, progress("Export", len(recordings)) as advance:
         (folder / "data").mkdir()

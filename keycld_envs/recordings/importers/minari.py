@@ -36,7 +36,7 @@ class MinariFolder:
         self.folder, self._camera = folder, camera
         minari = optional("minari", "minari", "Minari data sets")
         try:
-            self._data = minari.MinariDataset(folder / "data")
+            self._data = minari.MinariDataset(folder.resolve() / "data")
             self.length = len(self._data)
             self._fields = [json.loads(text) for text in self._data.storage.metadata.get(FIELDS, ())]
         except (OSError, ValueError, LookupError, TypeError, ImportError) as error:
