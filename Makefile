@@ -4,6 +4,7 @@
 # make lint     ruff;  make types: pyright;  make layers: import layers;  make docs: strict documentation
 # make weights  collect data and train the shipped weights anew
 # make bench    print every measured figure
+# make dist     wheel and sdist to upload, checked
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -12,7 +13,7 @@ DATA_SEED := 1
 BY_FILE := --dist loadfile --no-loadscope-reorder# examples of a document build on each other; conftest.py has the order
 DEBIAN := Debian, Ubuntu: apt-get install python3-venv libegl1 libgl1-mesa-dri
 
-.PHONY: demo test test-fast fuzz kills interrupts lint types layers docs weights bench libraries opengl clean
+.PHONY: demo test test-fast fuzz kills interrupts lint types layers docs weights bench dist libraries opengl clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -58,6 +59,11 @@ weights: libraries .venv/.keycld opengl
 
 bench: libraries .venv/.keycld opengl
 	$(BIN)/keycld bench
+
+dist: .venv/.keycld-dev
+	rm -rf dist
+	$(BIN)/python -m build
+	$(BIN)/twine check --strict dist/*
 
 # What is missing to render frames, in one sentence: what can be told before packages are downloaded, and the rest.
 libraries: .venv/bin/python

@@ -14,3 +14,9 @@ class InputError(ValueError):
     def __str__(self) -> str:
         text = super().__str__()
         return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} [...] {text[-LONGEST // 2 :]}"
+
+
+def reason(error: BaseException) -> str:
+    """What an error of another package says, in one line."""
+    text = " ".join(str(error).split())
+    return f"{text} is missing" if isinstance(error, KeyError) else text or type(error).__name__

@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import OmitArgPrefixes, OmitSubcommandPrefixes, Positional, UseAppendAction, configure, subcommand
+from tyro.conf import OmitArgPrefixes, OmitSubcommandPrefixes, Positional, UseAppendAction, arg, configure, subcommand
 
 from keycld_control.cli._compiled import keep_compiled
 from keycld_control.cli._output import print_result
@@ -54,6 +54,8 @@ class Train:
         residual_of: Joint model that stays as it is, a folder that this command wrote: what it leaves in the torques is
             learned, and added to it.
         seed: Seed of initialisation and division.
+        tracker: Also show curves in "tensorboard", "wandb" or "trackio", which need the extra of that name; a page,
+            report.html, is written beside the run in any case.
         log: How to read the data.
         json: Print one JSON object.
     """
@@ -66,6 +68,7 @@ class Train:
     validation: float = 0.15
     residual_of: Path | None = None
     seed: int = 0
+    tracker: Annotated[Literal["tensorboard", "wandb", "trackio"] | None, arg(name="log")] = None
     log: Log = Log()
     json: bool = False
 
@@ -181,6 +184,7 @@ def run(args: Args) -> None:
 
 
 def _train(args: Train) -> None:
+    from keycld_control.runs.watching import watching
     from keycld_envs.errors import InputError
     from keycld_model.delan import JointModel, train
     from keycld_model.delan.baseline import fit_baseline, verdict
@@ -191,7 +195,9 @@ def _train(args: Train) -> None:
     base = None if args.residual_of is None else JointModel.load(args.residual_of)
     motions = _read(args.data, args.log)
     rest, test = motions.hold_out(_names(args.test)) if args.test else (motions, None)
-    result = train(rest, args.out, args.model, args.friction, args.seed, args.validation, base)
+    about = {"model": args.model, "seed": args.seed, "data": str(args.data)}
+    with watching(args.out, about, args.tracker) as watchers:
+        result = train(rest, args.out, args.model, args.friction, args.seed, args.validation, base, watchers)
     learned, held_out = rest.split(args.validation, args.seed)
     judged = held_out if test is None else test
     network, baseline = score(result.model, judged), None

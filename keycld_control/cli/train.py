@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -20,6 +21,8 @@ class Args:
         preset: Recipe; `keycld presets` lists them.
         validation: Fraction of the recordings held out.
         seed: Seed of initialisation and batches.
+        log: Also show curves in "tensorboard", "wandb" or "trackio", which need the extra of that name; a page,
+            report.html, is written beside the run in any case.
         json: Print one JSON object.
     """
 
@@ -29,11 +32,13 @@ class Args:
     preset: str = "default"
     validation: float = 0.1
     seed: int = 0
+    log: Literal["tensorboard", "wandb", "trackio"] | None = None
     json: bool = False
 
 
 def run(args: Args) -> None:
     """Train and print the summary."""
+    from keycld_control.runs.watching import watching
     from keycld_envs import resolve_env_id, system_of
     from keycld_envs.errors import InputError
     from keycld_envs.mechanism import Mechanism
@@ -58,7 +63,10 @@ def run(args: Args) -> None:
     if name is not None and dataset.system is not None and not same_system(dataset.system, name):
         raise InputError(f"{args.data} records {dataset.system}, not {name}; name the system that was recorded.")
     config = ModelConfig.of(dataset, mechanism, name, PRESETS[args.preset].networks)
-    result = train(dataset, config, args.out, args.preset, args.seed, args.validation)
+    about = {"system": args.system, "preset": args.preset, "seed": args.seed, "data": str(args.data)}
+    steps = PRESETS[args.preset].steps
+    with watching(args.out, about, args.log, steps, lambda: dataset.split(args.validation)[1]) as watchers:
+        result = train(dataset, config, args.out, args.preset, args.seed, args.validation, watchers)
     summary = {
         "system": name,
         "checkpoint": str(result.folder),

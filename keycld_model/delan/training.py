@@ -27,6 +27,7 @@ from keycld_model.delan.presets import PRESETS, Preset
 from keycld_model.delan.residual import Residual, what_is_left
 from keycld_model.delan.weights import repeated, torque_weights
 from keycld_model.training import log
+from keycld_model.training.watch import Watcher
 
 STATE = "state"
 SAVE_EVERY = 10.0
@@ -67,6 +68,7 @@ def train(
     seed: int = 0,
     validation: float = VALIDATION,
     residual_of: JointModel | None = None,
+    watchers: Sequence[Watcher] = (),
 ) -> TrainingResult:
     """Train a joint model; a run that was interrupted continues where it stopped, with the same result.
 
@@ -82,6 +84,7 @@ def train(
         validation: share of the motions held out.
         residual_of: a model that stays as it is; what it leaves in the torques is learned, and the result is the sum of
             both. It needs equations of motion: a feed-forward network has none.
+        watchers: told of every line of the log and every checkpoint.
 
     Raises:
         InputError: if the data do not fit, or `out` holds another run.
@@ -103,7 +106,7 @@ def train(
         "data": {"sha256": motions.sha256, "source": Path(motions.source).name, "motions": list(motions.ids)},
         "joint_model": config.to_dict(),
     } | ({} if residual is None else {"residual_of": residual.base_sha256})
-    run = _Run(Path(out), own, residual, recipe, training, held_out, seed, json.loads(json.dumps(meta)))
+    run = _Run(Path(out), own, residual, recipe, training, held_out, seed, json.loads(json.dumps(meta)), watchers)
     with one_writer(out):
         return run.finish()
 
@@ -163,6 +166,7 @@ class _Run:
     held_out: Motions
     seed: int
     meta: dict[str, Any]
+    watchers: Sequence[Watcher] = ()
 
     def finish(self) -> TrainingResult:
         """Run or resume to the end."""
@@ -220,6 +224,8 @@ class _Run:
     def _save(self, state: _State) -> None:
         tensors = {"w": state.point.w, "best": state.best, "anchor": state.anchor}
         write_checkpoint(self.folder / STATE, tensors, self.meta | {"position": state.numbers()})
+        for watcher in self.watchers:
+            watcher.saved(None, finished=state.finished)
 
     def _round(self, state: _State, advance: Advance) -> None:
         """Steps until validation has not become better for a while."""
@@ -244,7 +250,10 @@ class _Run:
                 "damping": state.point.damping,
                 "prior": state.point.prior,
             }
-            log.append(self.folder, entry | {"seconds": round(state.seconds, 2)})
+            entry |= {"seconds": round(state.seconds, 2)}
+            log.append(self.folder, entry)
+            for watcher in self.watchers:
+                watcher.logged(entry)
             advance(1, f"validation error {error:.3g}")
             if state.point.stuck or error < ENOUGH:
                 return

@@ -3,7 +3,7 @@
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -28,6 +28,7 @@ from keycld_model.training.data import TrainingData
 from keycld_model.training.presets import PRESETS, Preset
 from keycld_model.training.sharding import Devices
 from keycld_model.training.stage import Batch, Stage, Variables, model_parameters
+from keycld_model.training.watch import Watcher
 from keycld_model.world_model import WorldModel
 
 LOG_EVERY = 100
@@ -72,6 +73,7 @@ def train(
     preset: str | Preset = "default",
     seed: int = 0,
     validation: float = 0.1,
+    watchers: Sequence[Watcher] = (),
 ) -> TrainingResult:
     """Train a world model; a run that was interrupted continues where it stopped, with the same result.
 
@@ -82,6 +84,7 @@ def train(
         preset: recipe, or its name.
         seed: seed of initialisation and batches.
         validation: fraction of recordings held out.
+        watchers: told of every line of the log and every checkpoint.
 
     Returns:
         The trained model and its score.
@@ -110,7 +113,7 @@ def train(
         "validation": validation,
         "data": _origin(dataset),
     }
-    run = _Run(Path(out), Parts(config), recipe, data, test, seed, json.loads(json.dumps(meta)))
+    run = _Run(Path(out), Parts(config), recipe, data, test, seed, json.loads(json.dumps(meta)), watchers)
     return run.finish()
 
 
@@ -161,6 +164,7 @@ class _Run:
     test: TrainingData
     seed: int
     meta: dict[str, Any]
+    watchers: Sequence[Watcher] = ()
     devices: Devices = field(default_factory=Devices)
 
     def finish(self) -> TrainingResult:
@@ -203,6 +207,7 @@ class _Run:
         )
         if self.devices.first:
             model.save(self.folder)
+            self._show(model, finished=True)
         return TrainingResult(model, self.folder, self.preset.steps, seconds, score)
 
     def _resume(self) -> tuple[int, int, float, Variables, Any]:
@@ -228,6 +233,8 @@ class _Run:
     def _log(self, entry: dict[str, Any]) -> None:
         if self.devices.first:
             log.append(self.folder, entry)
+            for watcher in self.watchers:
+                watcher.logged(entry)
 
     def _save(self, stage: int, done: int, seconds: float, variables: Variables, optimiser: Any) -> None:
         if not self.devices.first:
@@ -238,6 +245,12 @@ class _Run:
         step = sum(s.steps for s in self.preset.stages[:stage]) + done
         position = {"stage": stage, "done": done, "step": step, "seconds": seconds}
         write_checkpoint(self.folder / STATE, tensors, {**self.meta, **position})
+        here = jax.tree.map(np.asarray, model_parameters(variables))  # what one process may reckon with alone
+        self._show(self._model.with_parameters(here), finished=False)
+
+    def _show(self, model: WorldModel, *, finished: bool) -> None:
+        for watcher in self.watchers:
+            watcher.saved(model, finished=finished)
 
     def _stage(
         self, index: int, done: int, seconds: float, variables: Variables, saved: Any, advance: Callable[..., None]

@@ -29,6 +29,7 @@ def test_train_and_evaluate(letters: Path, tmp_path: Path, capsys: pytest.Captur
     first = json.loads(capsys.readouterr().out)
     assert first["motions"] == {"learned": 3, "validation": 1, "test": 2}
     assert first["least_squares"]["torque"] < 1e-20
+    assert "Finished, step" in (tmp_path / "run/report.html").read_text()
     assert main(["delan", "evaluate", out, "--data", str(letters), "--only", "e,f", "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again["scores"]["torque"] == pytest.approx(first["scores"]["torque"])

@@ -91,6 +91,7 @@ def test_train_prints_a_summary(data, tmp_path, capsys, monkeypatch):
     assert summary.keys() == {"system", "checkpoint", "steps", "seconds", "validation_vpt", "seed"}
     assert (summary["system"], summary["steps"], summary["checkpoint"]) == (SYSTEM, 6, str(out))
     assert WorldModel.load(out).system == SYSTEM
+    assert "Finished, step 6 of 6." in (out / "report.html").read_text()
     assert "another seed" in refused(capsys, "train", "pendulum", "--data", data, "--out", out, "--seed", 5)
 
 

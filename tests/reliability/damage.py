@@ -22,7 +22,7 @@ from keycld_envs import KeyCLDEnv, get_system
 from keycld_envs.collect import CollectSettings
 from keycld_envs.effects import EFFECTS
 from keycld_envs.recordings import Recording, read_recording, write_recording
-from keycld_envs.recordings.importers import Columns, assemble, read_csv, read_mat
+from keycld_envs.recordings.importers import Columns, assemble, open_data_set, read_csv, read_mat, read_mcap
 
 Damage = Callable[[bytes, random.Random], bytes]
 READER = Callable[[Path], Any]
@@ -255,6 +255,26 @@ def _read_joint_model(folder: Path) -> Any:
     return model.config, {name: array.tobytes() for name, array in flatten(model.parameters).items()}
 
 
+def _mcap(folder: Path) -> Path:
+    from mcap.writer import Writer
+
+    with open(folder / "log.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/arm", "json", writer.register_schema("arm", "jsonschema", b"{}"))
+        for i in range(20):
+            writer.add_message(channel, 10**7 * i, json.dumps({"q": [i, -i]}).encode(), 10**7 * i)
+        writer.finish()
+    return folder / "log.mcap"
+
+
+def _lerobot(folder: Path) -> Path:
+    from keycld_envs.recordings.exporters import write_lerobot
+
+    write_lerobot([read_recording(_recording(folder))], folder / "set")
+    return folder / "set/data/chunk-000/file-000.parquet"
+
+
 def _member(folder: Path, name: str) -> Path:
     return _recording(folder) / name
 
@@ -271,6 +291,8 @@ TARGETS = (
     Target("CSV", _table, _read_table, False),
     Target("MATLAB", lambda folder: _matlab(folder, False), _read_matlab, False),
     Target("MATLAB, compressed", lambda folder: _matlab(folder, True), _read_matlab, False),
+    Target("MCAP", _mcap, lambda folder: repr(read_mcap(folder / "log.mcap").columns), False),
+    Target("LeRobot", _lerobot, lambda folder: [repr(e.recording()) for e in open_data_set(folder / "set")], False),
     Target("MJCF", _model, _read_model, False),
 )
 ODD: list[Any] = [

@@ -15,8 +15,8 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent / "
 import damage  # noqa: E402
 
 QUICK = [t for t in damage.TARGETS if t.name not in ("MATLAB", "MATLAB, compressed", "recording: video", "MJCF")]
-SLOW = ("checkpoint", "state of a training", "joint model")
-"""Of these, what builds a network first."""
+SLOW = ("checkpoint", "state of a training", "joint model", "LeRobot")
+"""Of these, what builds a network or a video first."""
 OFTEN = settings(
     max_examples=25,
     deadline=None,

@@ -32,6 +32,11 @@ STEADY = 0.05
 """Share by which intervals between frames may differ, as in training."""
 
 
+def is_video(path: Path) -> bool:
+    """Whether a file is one, by its name."""
+    return path.suffix.lower() in SUFFIXES
+
+
 @dataclass(frozen=True)
 class Look:
     """What a first look at a video tells.

@@ -39,7 +39,7 @@ def read_json_log(path: str | os.PathLike[str]) -> Table:
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path} cannot be read as a log ({error}); name a JSON file that holds samples.") from error
     length = max((len(c) for c in columns.values()), default=0)
-    for name, value in _numbers(settings):
+    for name, value in numbers_in(settings):
         columns.setdefault(name, np.full(length, value))
     return Table(path, columns)
 
@@ -86,7 +86,7 @@ def _columns(samples: list[Any]) -> dict[str, NDArray[np.float64]]:
         raise ValueError("it holds no samples" if not samples else f"sample {wrong} is no object of numbers")
     out: dict[str, NDArray[np.float64]] = {}
     for i, sample in enumerate(samples):
-        for name, value in _numbers(sample):
+        for name, value in numbers_in(sample):
             if name not in out:
                 out[name] = np.full(len(samples), np.nan)
             out[name][i] = value
@@ -109,16 +109,16 @@ def _vectors(lists: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
     return out
 
 
-def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
+def numbers_in(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
     """Names and values of all numbers inside."""
     if isinstance(value, int | float):
         yield name, _number(value)
     elif isinstance(value, dict):
         for key, inner in value.items():
-            yield from _numbers(inner, f"{name}.{key}" if name else key)
+            yield from numbers_in(inner, f"{name}.{key}" if name else key)
     elif isinstance(value, list):
         for i, inner in enumerate(value):
-            yield from _numbers(inner, f"{name}[{i}]")
+            yield from numbers_in(inner, f"{name}[{i}]")
 
 
 def _texts(sample: Mapping[str, Any]) -> Iterator[str]:

@@ -8,13 +8,14 @@ from keycld_envs.recordings.importers.csv import read_csv
 from keycld_envs.recordings.importers.epos import is_epos, read_epos
 from keycld_envs.recordings.importers.json import read_json_log
 from keycld_envs.recordings.importers.mat import read_mat
+from keycld_envs.recordings.importers.mcap import read_mcap
 from keycld_envs.recordings.importers.table import Table
 
 
 def read_log(
     path: str | os.PathLike[str], columns: Sequence[str] | None = None, *, drop_truncated_end: bool = False
 ) -> tuple[Table, dict[str, str]]:
-    """Read a CSV file, JSON log (.json, .jsonl), MATLAB file (.mat), or file of EPOS Studio's recorder.
+    """Read a CSV file, JSON log (.json, .jsonl), MATLAB file (.mat), MCAP file, or file of EPOS Studio's recorder.
 
     Args:
         path: the file.
@@ -31,6 +32,8 @@ def read_log(
     suffix = path.suffix.lower()
     if suffix == ".mat":
         return read_mat(path), {}
+    if suffix == ".mcap":
+        return read_mcap(path), {}
     if suffix in (".json", ".jsonl"):
         return read_json_log(path), {}
     if is_epos(path):

@@ -1,0 +1,50 @@
+"""A data set of a video."""
+
+from pathlib import Path
+from typing import Any
+
+from keycld_control.cli._import_options import Args
+
+
+def import_video(path: Path, args: Args) -> dict[str, Any]:
+    """Look for what moves, cut, and say what became of it.
+
+    Args:
+        path: the video.
+        args: options of `keycld import`.
+
+    Raises:
+        InputError: if it cannot be read, or the folder exists.
+    """
+    import numpy as np
+
+    from keycld_envs.errors import InputError
+    from keycld_envs.mechanism_file import read_mechanism
+    from keycld_envs.progress import progress
+    from keycld_envs.recordings.importers import film
+
+    given = args.film
+    cut = film.Cut(given.size, given.frames, given.every, args.licence, args.origin)
+    mechanism = None if given.mechanism is None else read_mechanism(given.mechanism)
+    fixed = mechanism is not None and (any(rod.start is None for rod in mechanism.rods) or bool(mechanism.sliders))
+    if fixed and given.crop is None and given.pivot is None:
+        raise InputError(
+            f"{given.mechanism} declares a fixed pivot; say where it is in {path} with --pivot COLUMN ROW, or what to "
+            "keep with --crop LEFT TOP SIDE."
+        )
+    with progress("Looking", total=1) as advance:
+        look = film.look_at(path, given.fps)
+        advance()
+    place = (0.0, 0.0) if mechanism is None else mechanism.pivot
+    square = film.Square(*given.crop) if given.crop else film.square_around(look, place, given.pivot)
+    with progress("Cutting", total=len(look.times)) as advance:
+        number = film.write_parts(path, args.out, look, square, advance, cut)
+    return {
+        "data": args.out,
+        "recordings": number,
+        "frames": cut.frames,
+        "frames_per_second": round(float(1 / (cut.every * np.median(np.diff(look.times)))), 3),
+        "used": number * cut.frames * cut.every / len(look.times),
+        "crop": (square.left, square.top, square.side),
+        "pivot": None if given.pivot is None else square.units(*given.pivot),
+    }
