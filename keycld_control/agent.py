@@ -57,6 +57,10 @@ class EnergyShapingAgent:
     and does not merely repeat the one before. Without trusted images the estimate runs on the model for 0.2 s; then
     the action fades to zero within 0.1 s. When images return, the agent begins anew, and acts once three of them agree.
 
+    The camera may be off by a few pixels, and light and noise may be others than in training: how they differ is told
+    from the target image, from the first image of every episode, and anew when the agent begins anew (see
+    `keycld_model.camera`).
+
     Args:
         model: a `keycld_model.WorldModel`.
         target_img: `[H, W, 3]`, the mechanism at its target as the camera sees it; uint8, or float in 0..1.
@@ -110,7 +114,7 @@ class EnergyShapingAgent:
         pixels = check_image("The target image", target_img, model.image_shape)
         known = expect(model, plant, roughly(model, plant, pixels))
         self._background = np.asarray(known.background)
-        self._target_camera = self.camera = Camera.find(self._background, pixels) or Camera()
+        self.camera = self._target_camera = Camera.find(self._background, pixels) or Camera()
         target = find_target(model, restored(self.camera, self._background, pixels))
         _check_actuation(plant, target)
         pump = None if law == "paper" else plan_pumping(plant, target, low, high)

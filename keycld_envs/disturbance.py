@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
-from keycld_envs.rendering import View
+from keycld_envs.rendering import Renderer, View
 
 Given = TypeVar("Given", bound="Disturbance")
 
@@ -81,6 +82,23 @@ class Disturbance:
         with io.BytesIO() as file:
             iio.imwrite(file, frame, extension=".jpg", quality=self.jpeg)
             return np.asarray(iio.imread(file.getvalue(), extension=".jpg"))
+
+
+def seen(
+    disturbance: Disturbance | None, renderer: Renderer, data: mujoco.MjData, camera: str, moment: Sequence[int]
+) -> NDArray[np.uint8]:
+    """Image `[H, W, 3]` of a state by a camera of the model, disturbed or not.
+
+    Args:
+        disturbance: of the camera; None for none.
+        renderer: draws.
+        data: the state, whose kinematics must be up to date.
+        camera: name of the camera.
+        moment: whole numbers, not negative, that tell this image's noise from that of others.
+    """
+    if disturbance is None:
+        return renderer.render(data, camera)
+    return disturbance.develop(renderer.render(data, camera, disturbance.view), np.random.default_rng(moment))
 
 
 def _read(name: str, text: str, counts: Sequence[int], low: float, high: float) -> list[float]:

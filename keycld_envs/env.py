@@ -11,7 +11,7 @@ from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from keycld_envs.checks import ObsType, check_camera, check_choice, check_size, finite_vector, short
-from keycld_envs.disturbance import Disturbance
+from keycld_envs.disturbance import Disturbance, seen
 from keycld_envs.effects import Effect
 from keycld_envs.errors import InputError
 from keycld_envs.rendering import Quality, Renderers
@@ -70,12 +70,10 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
     - `camera`: name of a camera of the model. The default looks at right angles to the plane of motion; in the Stock
       variants, dm_control's own are "fixed" and "lookat" ("lookatcart").
     - `render_quality`: "fast" (default) or "full", which is bit for bit dm_control's image.
-    - `action_limit`: symmetric range of every motor; default the system's.
-    - `start`: "random" or "hanging".
+    - `action_limit`: symmetric range of every motor; default the system's. `start`: "random" or "hanging".
     - `effects`: physics to add, of `keycld_envs.effects`: friction, springs, lags of motors, and so on.
     - `disturbance`: how the camera differs from the model's, a `keycld_envs.disturbance.Disturbance`.
-    - `render_mode`: "rgb_array" or None.
-    - `render_width`, `render_height`: size of the frames of `render` in pixels, for people, default 480 x 480.
+    - `render_mode`: "rgb_array" or None; `render_width`, `render_height`: of `render`, for people, default 480 x 480.
 
     `info` holds "qpos" [nq], "qvel" [nv], "energy" (kinetic and potential, J), and "is_success". `model` and `data` are
     the live `MjModel` and `MjData`. OpenGL is opened when the first image is rendered; `close` frees it. Start worker
@@ -162,8 +160,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         qpos, qvel = self.system.sample_start(self.start, self.np_random)
         self._simulation.reset(**{"qpos": qpos, "qvel": qvel, **chosen})
         self._success.reset()
-        if self.disturbance is not None:
-            self._noise_seed = int(self.np_random.integers(2**32))
+        self._noise_seed = 0 if self.disturbance is None else int(self.np_random.integers(2**32))
         return self._observation(), self._info()
 
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -210,11 +207,8 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
 
     def _render(self, data: mujoco.MjData, width: int | None = None, height: int | None = None) -> NDArray[np.uint8]:
         size = self.width if width is None else width, self.height if height is None else height
-        renderer = self._renderers.of_size(*size)
-        if self.disturbance is None:
-            return renderer.render(data, self.camera)
-        rng = np.random.default_rng((self._noise_seed, round(data.time / self.model.opt.timestep)))
-        return self.disturbance.develop(renderer.render(data, self.camera, self.disturbance.view), rng)
+        moment = (self._noise_seed, round(data.time / self.model.opt.timestep))
+        return seen(self.disturbance, self._renderers.of_size(*size), data, self.camera, moment)
 
     def _observation(self) -> Any:
         if self.obs_type == "pixels":

@@ -32,6 +32,8 @@ DARKEST, BRIGHTEST = 0.4, 2.5
 """Range of the light's factor."""
 STEPS = 9
 """Gauss-Newton steps."""
+FAINT = 6 * GREY
+"""Differences below this are no mechanism's."""
 NOISIEST = 40.0
 """Grey levels of what may be left, as standard deviation."""
 NOISY = 2.0
@@ -198,7 +200,7 @@ def _fit(drawn: Floats, shown: Floats) -> tuple[Floats, float]:
     for step in range(STEPS):
         free = slice(3 if step < STEPS // 2 else 0, None)
         left, scale, weight = _left(drawn, shown, inside, values)
-        slopes = _slopes(_moved(drawn, values)[0], values).reshape(-1, 9)
+        slopes = _slopes(drawn, values).reshape(-1, 9)
         weights = weight.reshape(-1, 1) / scale**2
         normal = slopes.T @ (weights * slopes) + np.diag(precision)
         gradient = slopes.T @ (weights[:, 0] * left.ravel()) + precision * (EXPECTED - values)
@@ -213,7 +215,7 @@ def _left(drawn: Floats, shown: Floats, inside: NDArray[np.bool_], values: Float
     here, there = _moved(drawn, values)
     left, valid = shown - values[3:6] * here - values[6:], inside & there
     scale = _deviation(left[valid])
-    off = np.mean(left**2, axis=-1, keepdims=True) / (3 * scale) ** 2
+    off = np.mean(left**2, axis=-1, keepdims=True) / max(3 * scale, FAINT) ** 2
     return left, scale, valid * (1 + off) ** -2.0
 
 
@@ -222,10 +224,11 @@ def _deviation(left: Floats) -> float:
     return max(GREY / 2, 1.4826 * float(np.median(np.abs(left)))) if left.size else 1.0
 
 
-def _slopes(here: Floats, values: Floats) -> Floats:
+def _slopes(drawn: Floats, values: Floats) -> Floats:
     """Derivatives `[H, W, 3, 9]` of what is shown, in a light and at a place, to all values."""
-    height, width = here.shape[:2]
-    down, right = np.gradient(here * values[3:6], axis=(0, 1))
+    height, width = drawn.shape[:2]
+    here, _ = _moved(drawn, values)
+    down, right = (_moved(slope, values)[0] * values[3:6] / np.exp(values[2]) for slope in np.gradient(drawn, axis=(0, 1)))
     row = (np.arange(height) - (height - 1) / 2 + values[1])[:, None, None]
     column = (np.arange(width) - (width - 1) / 2 - values[0])[None, :, None]
     out = np.zeros((*here.shape, 9))
