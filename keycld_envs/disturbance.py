@@ -109,7 +109,7 @@ def _read(name: str, text: str, counts: Sequence[int], low: float, high: float) 
         numbers = []
     if len(numbers) not in counts or not all(low <= number <= high for number in numbers):
         how_many = " or ".join(map(str, counts))
-        raise InputError(f"{name} is {text!r}; it takes {how_many} number(s) from {low:g} to {high:g}, as in 2 or 2,-1.")
+        raise InputError(f"{name} is {text!r}; it takes {how_many} number(s) from {low:g} to {high:g}.")
     return numbers
 
 

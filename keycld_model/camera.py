@@ -115,7 +115,7 @@ class Camera:
             columns.astype(np.float32),
             gain,
             np.asarray(self.offset, np.float32) * np.float32(GREY),
-            np.float32(self.noise * GREY / gain.mean()),
+            np.array(self.noise * GREY / gain.mean(), np.float32),
         )
 
 
@@ -157,7 +157,9 @@ def resampling(size: int, shift: float, zoom: float) -> Floats:
     for tap in (-1, 0, 1, 2):
         distance = np.abs(where - first - tap)
         weight = np.where(
-            distance < 1, 1.5 * distance**3 - 2.5 * distance**2 + 1, -0.5 * distance**3 + 2.5 * distance**2 - 4 * distance + 2
+            distance < 1,
+            1.5 * distance**3 - 2.5 * distance**2 + 1,
+            -0.5 * distance**3 + 2.5 * distance**2 - 4 * distance + 2,
         )
         np.add.at(out, (np.arange(size), np.clip(first + tap, 0, size - 1)), weight)
     out[(where < -1e-6) | (where > size - 1 + 1e-6)] = 0.0
@@ -173,8 +175,8 @@ def _blurred(x: Array) -> Array:
 
 def _coarse(drawn: Floats, shown: Floats) -> tuple[int, int]:
     """Shift in whole pixels, to the right and up, in the light that suits it best."""
-    n = FARTHEST
     height, width = drawn.shape[:2]
+    n = min(FARTHEST, height // 4, width // 4)
     still = drawn[n : height - n : 2, n : width - n : 2]
     x = still - still.mean((0, 1))
     spread = (x**2).sum((0, 1)) + 1e-9
@@ -228,7 +230,8 @@ def _slopes(drawn: Floats, values: Floats) -> Floats:
     """Derivatives `[H, W, 3, 9]` of what is shown, in a light and at a place, to all values."""
     height, width = drawn.shape[:2]
     here, _ = _moved(drawn, values)
-    down, right = (_moved(slope, values)[0] * values[3:6] / np.exp(values[2]) for slope in np.gradient(drawn, axis=(0, 1)))
+    factor = values[3:6] / np.exp(values[2])
+    down, right = (_moved(np.asarray(slope), values)[0] * factor for slope in np.gradient(drawn, axis=(0, 1)))
     row = (np.arange(height) - (height - 1) / 2 + values[1])[:, None, None]
     column = (np.arange(width) - (width - 1) / 2 - values[0])[None, :, None]
     out = np.zeros((*here.shape, 9))

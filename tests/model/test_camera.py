@@ -7,6 +7,7 @@ import pytest
 from keycld_model.camera import FARTHEST, Camera, resampling, restore
 
 SIZE = 64
+ONES, ZEROS = np.ones(3), np.zeros(3)
 GAIN, OFFSET = np.array([0.7, 0.8, 0.75]), np.array([0.02, 0.0, -0.01])
 
 
@@ -19,7 +20,7 @@ def scene(right=0.0, up=0.0, zoom=1.0):
     return 0.45 + 0.12 * np.stack(waves, axis=-1)
 
 
-def shown(right=0.0, up=0.0, zoom=1.0, gain=np.ones(3), offset=np.zeros(3), noise=0.0, seed=0):
+def shown(right=0.0, up=0.0, zoom=1.0, gain=ONES, offset=ZEROS, noise=0.0, seed=0):
     """uint8 image of it, with a white bar before it."""
     image = scene(right, up, zoom)
     image[20:44, 30:34] = 1.0
@@ -47,13 +48,24 @@ def test_noise_is_measured_and_hardly_disturbs():
     assert (found.right, found.up) == pytest.approx((2.0, 0.5), abs=0.15)
 
 
-def test_restored_images_are_the_background_where_it_is_seen():
-    found = Camera.find(BACKGROUND, shown(2.3, 1.2, 0.98, GAIN, OFFSET, noise=5))
+def test_restored_images_are_what_the_models_camera_would_have_shown():
+    image = shown(2.3, 1.2, 0.98, GAIN, OFFSET)
+    found = Camera.find(BACKGROUND, image)
     assert found is not None
-    out = np.asarray(restore(found.restoration((SIZE, SIZE)), jnp.asarray(BACKGROUND), shown(2.3, 1.2, 0.98, GAIN, OFFSET)))
+    out = np.asarray(restore(found.restoration((SIZE, SIZE)), jnp.asarray(BACKGROUND), jnp.asarray(image)))
     away = np.abs(np.arange(SIZE) - SIZE / 2) > 16
     assert np.abs(out - BACKGROUND)[:, away].max() < 0.02
-    assert out[31, 31].min() > 0.9  # the bar, where the model's camera would have seen it
+    assert out[31, 29].min() > 0.9  # the bar, 2.3 pixels further left
+
+
+def test_noise_is_taken_from_the_background_and_not_from_the_mechanism():
+    image = shown(noise=10)
+    found = Camera.find(BACKGROUND, image)
+    assert found is not None
+    out = np.asarray(restore(found.restoration((SIZE, SIZE)), jnp.asarray(BACKGROUND), jnp.asarray(image)))
+    away = np.abs(np.arange(SIZE) - SIZE / 2) > 16
+    assert (out - BACKGROUND)[:, away].std() < 0.25 * 10 / 255
+    assert out[30:34, 31:33].mean() > 0.95
 
 
 def test_the_models_own_images_stay_as_they_are_bit_by_bit():
