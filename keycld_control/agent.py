@@ -113,9 +113,10 @@ class EnergyShapingAgent:
         plant = Plant.of(model)
         pixels = check_image("The target image", target_img, model.image_shape)
         known = expect(model, plant, roughly(model, plant, pixels))
-        self._background = np.asarray(known.background)
+        self._background, self._drawn = np.asarray(known.background), np.asarray(known.drawn)
         self.camera = self._target_camera = Camera.find(self._background, pixels) or Camera()
-        target = find_target(model, restored(self.camera, self._background, pixels))
+        self._restoration = self.camera.restoration(self._drawn)
+        target = find_target(model, restored(self._restoration, self._background, pixels))
         _check_actuation(plant, target)
         pump = None if law == "paper" else plan_pumping(plant, target, low, high)
         self.target: NDArray[np.float32] = np.asarray(target).reshape(-1, 2)
@@ -127,7 +128,7 @@ class EnergyShapingAgent:
         )
         self._belief: Belief | None = None
         self._image: NDArray[Any] | None = None
-        self._lost_after, self._restoration = _lost_after(plant), self.camera.restoration(model.image_shape)
+        self._lost_after = _lost_after(plant)
 
     def act(self, obs: ArrayLike | Mapping[str, Any]) -> NDArray[np.float32]:
         """Choose the action for the next step.
@@ -149,7 +150,7 @@ class EnergyShapingAgent:
         image = check_image("The observation", obs, self._image_shape)
         if self._belief is None or self._belief.trust.unseen >= self._lost_after:
             self.camera = Camera.find(self._background, image) or self._target_camera
-            self._restoration = self.camera.restoration(self._image_shape)
+            self._restoration = self.camera.restoration(self._drawn)
         if self._belief is None:
             belief = self._first(image, self._restoration)
         else:

@@ -38,6 +38,7 @@ class Plausibility(NamedTuple):
     """What images of a mechanism have in common.
 
     Attributes:
+        drawn: `[POSES, H, W, 3]` images of random configurations, 0 to 1.
         background: `[H, W, 3]` without the mechanism, 0 to 1.
         even: `[h, w, 3]` mean of the background and the background mirrored, every second pixel.
         grid: `[h, w, 2]` places of these pixels, image units.
@@ -46,6 +47,7 @@ class Plausibility(NamedTuple):
         most: the same of the others, at most.
     """
 
+    drawn: Array
     background: Array
     even: Array
     grid: Array
@@ -81,6 +83,7 @@ def expect(model: LearnedModel, plant: Plant, configuration: Array) -> Plausibil
     lengths += [float(np.linalg.norm(slider.normal)) for slider in mechanism.sliders]
     background = np.median(drawn, axis=0)
     known = Plausibility(
+        drawn,
         jnp.asarray(background),
         jnp.asarray((background + background[:, ::-1])[::EVERY, ::EVERY] / 2),
         jnp.asarray(grid[::EVERY, ::EVERY]),

@@ -49,6 +49,7 @@ class Restoration(NamedTuple):
         columns: `[W, W]` the same for rows of pixels.
         gain: `[3]` of the light.
         offset: `[3]` of the light, 0 to 1.
+        ceiling: `[3]` what stands where a colour is cut off, 0 to 1.
         noise: standard deviation of a pixel after restoration, 0 to 1.
     """
 
@@ -57,6 +58,7 @@ class Restoration(NamedTuple):
     columns: NDArray[np.float32]
     gain: NDArray[np.float32]
     offset: NDArray[np.float32]
+    ceiling: NDArray[np.float32]
     noise: NDArray[np.float32]
 
 
@@ -92,7 +94,7 @@ class Camera:
             The camera; None if the image does not show the background, or in too different a way.
         """
         drawn = np.asarray(background, np.float64)
-        shown = np.asarray(as_float(np.asarray(image)), np.float64)
+        shown = np.asarray(as_float(jnp.asarray(image)), np.float64)
         if np.median(np.abs(shown - drawn)) <= ALIKE:
             return cls()
         values, noise = _fit(drawn, shown)
@@ -103,18 +105,25 @@ class Camera:
             return None
         return cls(right, up, zoom, tuple(gain.tolist()), tuple((offset / GREY).tolist()), noise / GREY)
 
-    def restoration(self, shape: tuple[int, int]) -> Restoration:
-        """For images of a shape (H, W)."""
-        height, width = shape
+    def restoration(self, drawn: NDArray[np.float32]) -> Restoration:
+        """For images like those that the model draws, `[N, H, W, 3]`, 0 to 1.
+
+        Where a colour is cut off at 255, the mean of all that is drawn as bright as that stands for it.
+        """
+        height, width = drawn.shape[1:3]
         rows = resampling(height, -self.up, self.zoom)
         columns = resampling(width, self.right, self.zoom)
-        gain = np.asarray(self.gain, np.float32)
+        gain, offset = np.asarray(self.gain, np.float32), np.asarray(self.offset, np.float32) * np.float32(GREY)
+        cut = (1 - offset) / gain
+        bright = drawn > cut
+        ceiling = np.where(bright, drawn, 0).sum((0, 1, 2)) / np.maximum(bright.sum((0, 1, 2)), 1)
         return Restoration(
             np.array(self != Camera()),
             rows.astype(np.float32),
             columns.astype(np.float32),
             gain,
-            np.asarray(self.offset, np.float32) * np.float32(GREY),
+            offset,
+            np.maximum(ceiling, cut).astype(np.float32),
             np.array(self.noise * GREY / gain.mean(), np.float32),
         )
 
@@ -127,6 +136,7 @@ def restore(restoration: Restoration, background: Array, image: Array) -> Array:
 
     def changed(pixels: Array) -> Array:
         lit = (pixels - restoration.offset) / restoration.gain
+        lit = jnp.where(pixels > 1 - GREY / 2, restoration.ceiling, lit)
         moved = jnp.einsum("ij,jkc,lk->ilc", restoration.rows, lit, restoration.columns)
         seen = jnp.sum(restoration.rows, 1)[:, None, None] * jnp.sum(restoration.columns, 1)[:, None]
         differs = moved - seen * background
@@ -137,11 +147,11 @@ def restore(restoration: Restoration, background: Array, image: Array) -> Array:
     return jax.lax.cond(restoration.changed, changed, lambda pixels: pixels, as_float(jnp.asarray(image)))
 
 
-def restored(camera: Camera, background: NDArray[np.float32], image: NDArray[Any]) -> NDArray[Any]:
-    """The same for a known camera; the image itself if that is the model's."""
-    if camera == Camera():
+def restored(restoration: Restoration, background: NDArray[np.float32], image: NDArray[Any]) -> NDArray[Any]:
+    """The same outside of JAX's programs; the image itself if there is nothing to change."""
+    if not restoration.changed:
         return image
-    out = restore(camera.restoration(image.shape[:2]), jnp.asarray(background), jnp.asarray(image))
+    out = restore(restoration, jnp.asarray(background), jnp.asarray(image))
     return np.clip(np.asarray(out), 0.0, 1.0)
 
 

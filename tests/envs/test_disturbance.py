@@ -1,10 +1,9 @@
 """Disturbed cameras: numbers by name, and what they do to images."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-from keycld_envs import InputError
+from keycld_envs import InputError, KeyCLDEnv
 from keycld_envs.disturbance import Disturbance
 
 IMAGE = np.random.default_rng(0).integers(60, 120, (64, 64, 3)).astype(np.uint8)
@@ -35,8 +34,7 @@ def test_light_and_noise_are_what_they_say():
 
 @pytest.mark.render
 def test_a_camera_shifts_what_it_sees_by_pixels():
-    plain = gym.make("KeyCLD/Acrobot-v0", disable_env_checker=True).unwrapped
-    moved = gym.make("KeyCLD/Acrobot-v0", disable_env_checker=True, disturbance=Disturbance(right=2, up=1)).unwrapped
+    plain, moved = KeyCLDEnv("acrobot"), KeyCLDEnv("acrobot", disturbance=Disturbance(right=2, up=1))
     (still, _), (seen, _) = plain.reset(seed=3), moved.reset(seed=3)
     plain.close()
     moved.close()
@@ -47,8 +45,7 @@ def test_a_camera_shifts_what_it_sees_by_pixels():
 
 @pytest.mark.render
 def test_noise_depends_on_seed_and_step_and_not_the_motion():
-    make = {"id": "KeyCLD/Pendulum-v0", "disable_env_checker": True}
-    plain, noisy = gym.make(**make).unwrapped, gym.make(**make, disturbance=Disturbance(noise=5)).unwrapped
+    plain, noisy = KeyCLDEnv("pendulum"), KeyCLDEnv("pendulum", disturbance=Disturbance(noise=5))
     plain.reset(seed=4)
     runs = []
     for _ in range(2):

@@ -29,6 +29,7 @@ def shown(right=0.0, up=0.0, zoom=1.0, gain=ONES, offset=ZEROS, noise=0.0, seed=
 
 
 BACKGROUND = scene().astype(np.float32)
+DRAWN = (shown()[None] / 255).astype(np.float32)
 
 
 def test_shift_zoom_and_light_are_found_beside_a_mechanism():
@@ -52,7 +53,7 @@ def test_restored_images_are_what_the_models_camera_would_have_shown():
     image = shown(2.3, 1.2, 0.98, GAIN, OFFSET)
     found = Camera.find(BACKGROUND, image)
     assert found is not None
-    out = np.asarray(restore(found.restoration((SIZE, SIZE)), jnp.asarray(BACKGROUND), jnp.asarray(image)))
+    out = np.asarray(restore(found.restoration(DRAWN), jnp.asarray(BACKGROUND), jnp.asarray(image)))
     away = np.abs(np.arange(SIZE) - SIZE / 2) > 16
     assert np.abs(out - BACKGROUND)[:, away].max() < 0.02
     assert out[31, 29].min() > 0.9  # the bar, 2.3 pixels further left
@@ -62,7 +63,7 @@ def test_noise_is_taken_from_the_background_and_not_from_the_mechanism():
     image = shown(noise=10)
     found = Camera.find(BACKGROUND, image)
     assert found is not None
-    out = np.asarray(restore(found.restoration((SIZE, SIZE)), jnp.asarray(BACKGROUND), jnp.asarray(image)))
+    out = np.asarray(restore(found.restoration(DRAWN), jnp.asarray(BACKGROUND), jnp.asarray(image)))
     away = np.abs(np.arange(SIZE) - SIZE / 2) > 16
     assert (out - BACKGROUND)[:, away].std() < 0.25 * 10 / 255
     assert out[30:34, 31:33].mean() > 0.95
@@ -71,7 +72,7 @@ def test_noise_is_taken_from_the_background_and_not_from_the_mechanism():
 def test_the_models_own_images_stay_as_they_are_bit_by_bit():
     assert Camera.find(BACKGROUND, shown()) == Camera()
     image = shown().astype(np.float32) / 255
-    out = np.asarray(restore(Camera().restoration((SIZE, SIZE)), jnp.asarray(BACKGROUND), jnp.asarray(image)))
+    out = np.asarray(restore(Camera().restoration(DRAWN), jnp.asarray(BACKGROUND), jnp.asarray(image)))
     np.testing.assert_array_equal(out, image)
 
 
@@ -100,3 +101,16 @@ def test_resampling_is_exact_for_parabolas():
 def test_rows_beyond_the_image_are_empty():
     totals = resampling(SIZE, 2.0, 1.0).sum(axis=1)
     np.testing.assert_array_equal(totals, np.where(np.arange(SIZE) < SIZE - 2, 1.0, 0.0))
+
+
+def test_what_is_cut_off_is_as_bright_as_the_mechanism():
+    background = (
+        np.full((SIZE, SIZE, 3), 0.4, np.float32) * (1 + 0.3 * np.sin(np.mgrid[:SIZE, :SIZE][0] / 4))[..., None]
+    )
+    drawn = background.astype(np.float32)
+    drawn[20:30, 20:30] = 0.9
+    image = np.clip(np.round(drawn * 1.3 * 255), 0, 255).astype(np.uint8)
+    found = Camera.find(background.astype(np.float32), image)
+    assert found is not None
+    out = np.asarray(restore(found.restoration(drawn[None]), jnp.asarray(background, jnp.float32), jnp.asarray(image)))
+    np.testing.assert_allclose(out[22:28, 22:28], 0.9, atol=0.01)  # 255 is 0.77
