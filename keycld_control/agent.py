@@ -17,10 +17,11 @@ from keycld_control.observer import Estimate, choose, first_estimate, predicted
 from keycld_control.plant import LearnedModel, Plant, energy, responses
 from keycld_control.plausibility import Plausibility, expect, shows_mechanism
 from keycld_control.pumping import Pump, PumpState, first_pump_state, plan_pumping, pumping_action
-from keycld_control.targets import check_image, find_target
+from keycld_control.targets import check_image, find_target, roughly
 from keycld_control.trust import Trust, first_trust, judged, trusted
 from keycld_envs.checks import short
 from keycld_envs.errors import InputError
+from keycld_model.camera import Camera, Restoration, restore, restored
 
 DEFAULT_KP, DEFAULT_KD = 40.0, 10.0
 GRACE, FADING = 0.2, 0.1
@@ -56,6 +57,10 @@ class EnergyShapingAgent:
     and does not merely repeat the one before. Without trusted images the estimate runs on the model for 0.2 s; then
     the action fades to zero within 0.1 s. When images return, the agent begins anew, and acts once three of them agree.
 
+    The camera may be off by a few pixels, and light and noise may be others than in training: how they differ is told
+    from the target image, from the first image of every episode, and anew when the agent begins anew (see
+    `keycld_model.camera`).
+
     Args:
         model: a `keycld_model.WorldModel`.
         target_img: `[H, W, 3]`, the mechanism at its target as the camera sees it; uint8, or float in 0..1.
@@ -71,6 +76,8 @@ class EnergyShapingAgent:
         target: `[K, 2]` keypoints of the target image, image units.
         target_energy: learned V there, in units of total mass 1 x (image units / s)^2.
         pivot: `[2]` fixed pivot of the mechanism, image units.
+        camera: how the camera differs from the model's, told from the target image, then from the first image of an
+            episode; see `keycld_model.camera.Camera`.
         pumps: whether the actuators are too weak to lift the mechanism directly.
 
     Raises:
@@ -103,20 +110,25 @@ class EnergyShapingAgent:
                 'one with motion="constrained", for instance with --preset default.'
             )
         self._image_shape = model.image_shape
-        target = find_target(model, target_img)
         plant = Plant.of(model)
+        pixels = check_image("The target image", target_img, model.image_shape)
+        known = expect(model, plant, roughly(model, plant, pixels))
+        self._background, self._drawn = np.asarray(known.background), np.asarray(known.drawn)
+        self.camera = self._target_camera = Camera.find(self._background, pixels) or Camera()
+        self._restoration = self.camera.restoration(self._drawn)
+        target = find_target(model, restored(self._restoration, self._background, pixels))
         _check_actuation(plant, target)
         pump = None if law == "paper" else plan_pumping(plant, target, low, high)
         self.target: NDArray[np.float32] = np.asarray(target).reshape(-1, 2)
         self.target_energy = float(jax.jit(model.potential_energy_fn)(target))
         self.pivot: NDArray[np.float32] = np.asarray(model.pivot)
         self.pumps = pump is not None
-        known = expect(model, plant, target)
         self._first, self._next = _compile(
             plant, model.keypoints_fn, known, target, float(kp), float(kd), law, pump, low, high
         )
         self._belief: Belief | None = None
         self._image: NDArray[Any] | None = None
+        self._lost_after = _lost_after(plant)
 
     def act(self, obs: ArrayLike | Mapping[str, Any]) -> NDArray[np.float32]:
         """Choose the action for the next step.
@@ -136,11 +148,14 @@ class EnergyShapingAgent:
                 raise InputError(f"The observation has no 'pixels', only {sorted(obs)}; use obs_type='pixels'.")
             obs = obs["pixels"]
         image = check_image("The observation", obs, self._image_shape)
+        if self._belief is None or self._belief.trust.unseen >= self._lost_after:
+            self.camera = Camera.find(self._background, image) or self._target_camera
+            self._restoration = self.camera.restoration(self._drawn)
         if self._belief is None:
-            belief = self._first(image)
+            belief = self._first(image, self._restoration)
         else:
             repeated = self._image is not None and np.array_equal(self._image, image)
-            belief = self._next(self._belief, image, repeated)
+            belief = self._next(self._belief, image, repeated, self._restoration)
         action = np.asarray(belief.action)
         if not np.isfinite(action).all():
             raise InputError(
@@ -193,6 +208,16 @@ def _check_actuation(plant: Plant, target: Array) -> None:
         )
 
 
+def _fading(plant: Plant) -> int:
+    """Images in which the action fades."""
+    return max(1, round(FADING / plant.timestep))
+
+
+def _lost_after(plant: Plant) -> int:
+    """Images in a row, not to be trusted, after which the agent begins anew."""
+    return round(GRACE / plant.timestep) + _fading(plant)
+
+
 def _compile(
     plant: Plant,
     see: Callable[[Array], Array],
@@ -204,9 +229,9 @@ def _compile(
     pump: Pump | None,
     low: Array,
     high: Array,
-) -> tuple[Callable[[ArrayLike], Belief], Callable[[Belief, ArrayLike, ArrayLike], Belief]]:
+) -> tuple[Callable[[ArrayLike, Restoration], Belief], Callable[[Belief, ArrayLike, ArrayLike, Restoration], Belief]]:
     """The agent's two programs: for the first image of an episode, and for every further one."""
-    grace, fading = round(GRACE / plant.timestep), max(1, round(FADING / plant.timestep))
+    fading, lost = _fading(plant), _lost_after(plant)
 
     def decide(estimate: Estimate, memory: PumpState, trust: Trust) -> Belief:
         x, v = estimate.x, estimate.v
@@ -214,19 +239,20 @@ def _compile(
         if pump is not None:
             memory, pumping = pumping_action(plant, pump, memory, x, v, target, kp, kd, low, high)
             action = jnp.where(memory.caught, action, pumping)
-        weight = jnp.where(trust.beginning, 0.0, jnp.clip((grace + fading - trust.unseen) / fading, 0.0, 1.0))
+        weight = jnp.where(trust.beginning, 0.0, jnp.clip((lost - trust.unseen) / fading, 0.0, 1.0))
         action = jnp.where(weight > 0, weight * jnp.clip(action, low, high), 0.0)
         return Belief(estimate, action, memory, energy(plant, x, v), trust)
 
-    def first(image: ArrayLike) -> Belief:
-        pixels = jnp.asarray(image)
+    def first(image: ArrayLike, restoration: Restoration) -> Belief:
+        pixels = restore(restoration, known.background, jnp.asarray(image))
         keypoints = see(pixels)
         estimate = first_estimate(plant, keypoints)
         shown = shows_mechanism(plant, known, pixels, keypoints)
-        return decide(estimate, first_pump_state(), first_trust(estimate, jnp.where(shown, 0, grace + fading)))
+        return decide(estimate, first_pump_state(), first_trust(estimate, jnp.where(shown, 0, lost)))
 
-    def following(belief: Belief, image: ArrayLike, repeated: ArrayLike) -> Belief:
-        pixels, blind = jnp.asarray(image), belief.trust.unseen >= grace + fading
+    def following(belief: Belief, image: ArrayLike, repeated: ArrayLike, restoration: Restoration) -> Belief:
+        pixels = restore(restoration, known.background, jnp.asarray(image))
+        blind = belief.trust.unseen >= lost
         keypoints = see(pixels)
         shown = shows_mechanism(plant, known, pixels, keypoints)
         prior = choose(blind, belief.estimate, predicted(plant, belief.estimate, belief.action))

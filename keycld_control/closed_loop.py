@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from keycld_control.agent import DEFAULT_KD, DEFAULT_KP, EnergyShapingAgent
 from keycld_control.law import Law
 from keycld_envs import InputError, KeyCLDEnv, resolve_env_id
+from keycld_envs.disturbance import Disturbance
 from keycld_envs.registration import same_system
 from keycld_envs.success import SuccessMonitor
 from keycld_envs.systems import Start
@@ -35,6 +36,8 @@ class LoopSettings:
         kp: stiffness, 1/s^2.
         kd: damping, 1/s.
         law: control law, see `EnergyShapingAgent`.
+        disturbance: how the camera differs from the one that the model was trained on; None not at all.
+        clean_target: the target image is of the camera that the model was trained on, nevertheless.
     """
 
     system: str
@@ -45,6 +48,8 @@ class LoopSettings:
     kp: float = DEFAULT_KP
     kd: float = DEFAULT_KD
     law: Law = "turning"
+    disturbance: Disturbance | None = None
+    clean_target: bool = False
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -103,6 +108,7 @@ def make_loop(settings: LoopSettings) -> Iterator[Loop]:
         action_limit=settings.action_limit,
         width=width,
         height=height,
+        disturbance=None if settings.clean_target else settings.disturbance,
     )
     bare = env.unwrapped
     if not isinstance(bare, KeyCLDEnv) or env.spec is None or not env.spec.max_episode_steps:
@@ -117,6 +123,7 @@ def make_loop(settings: LoopSettings) -> Iterator[Loop]:
             law=settings.law,
             action_space=bare.action_space,
         )
+        bare.disturbance = settings.disturbance
         yield Loop(bare, env_id, env.spec.max_episode_steps, agent)
 
 

@@ -38,14 +38,16 @@ class Plausibility(NamedTuple):
     """What images of a mechanism have in common.
 
     Attributes:
-        background: `[h, w, 3]` without the mechanism, 0 to 1, every second pixel.
-        even: `[h, w, 3]` mean of the background and the background mirrored.
+        drawn: `[POSES, H, W, 3]` images of random configurations, 0 to 1.
+        background: `[H, W, 3]` without the mechanism, 0 to 1.
+        even: `[h, w, 3]` mean of the background and the background mirrored, every second pixel.
         grid: `[h, w, 2]` places of these pixels, image units.
         tolerance: `[c]` by which constraints of keypoints may be off.
         least: sum of differences from the background, of pixels near the mechanism, at least.
         most: the same of the others, at most.
     """
 
+    drawn: Array
     background: Array
     even: Array
     grid: Array
@@ -54,13 +56,13 @@ class Plausibility(NamedTuple):
     most: float
 
 
-def expect(model: LearnedModel, plant: Plant, target: Array) -> Plausibility:
+def expect(model: LearnedModel, plant: Plant, configuration: Array) -> Plausibility:
     """Learn it from what a model draws.
 
     Args:
         model: the world model.
         plant: its mechanics.
-        target: `[n]` a possible configuration.
+        configuration: `[n]` a possible one.
     """
     rng, mechanism = np.random.default_rng(0), model.mechanism
     angles = rng.uniform(-np.pi, np.pi, (POSES, len(mechanism.rods))).astype(np.float32)
@@ -70,7 +72,7 @@ def expect(model: LearnedModel, plant: Plant, target: Array) -> Plausibility:
         rail = np.array([slider.normal[1], -slider.normal[0]], np.float32) / np.linalg.norm(slider.normal)
 
     def pose(angle: Array, shift: Array) -> Array:
-        moved = turned(mechanism, target, angle, plant.pivot) + jnp.tile(shift * rail, mechanism.num_keypoints)
+        moved = turned(mechanism, configuration, angle, plant.pivot) + jnp.tile(shift * rail, mechanism.num_keypoints)
         return project(plant, moved, jnp.zeros_like(moved), 5)[0]
 
     poses = jax.jit(jax.vmap(pose))(angles, along)
@@ -81,7 +83,8 @@ def expect(model: LearnedModel, plant: Plant, target: Array) -> Plausibility:
     lengths += [float(np.linalg.norm(slider.normal)) for slider in mechanism.sliders]
     background = np.median(drawn, axis=0)
     known = Plausibility(
-        jnp.asarray(background[::EVERY, ::EVERY]),
+        drawn,
+        jnp.asarray(background),
         jnp.asarray((background + background[:, ::-1])[::EVERY, ::EVERY] / 2),
         jnp.asarray(grid[::EVERY, ::EVERY]),
         LENGTH_TOLERANCE * jnp.asarray(np.array(lengths, np.float32)),
@@ -112,9 +115,9 @@ def differences(plant: Plant, known: Plausibility, image: Array, keypoints: Arra
         along, to = end - start, known.grid - start
         share = jnp.clip((to @ along) / (along @ along + 1e-9), 0.0, 1.0)
         distance = jnp.minimum(distance, jnp.sum((to - share[..., None] * along) ** 2, axis=-1))
-    pixels = as_float(image[::EVERY, ::EVERY])
-    differs = jnp.maximum(jnp.mean(jnp.abs(pixels - known.background), axis=-1) - NOTICED, 0.0)
+    pixels, background = as_float(image[::EVERY, ::EVERY]), known.background[::EVERY, ::EVERY]
+    differs = jnp.maximum(jnp.mean(jnp.abs(pixels - background), axis=-1) - NOTICED, 0.0)
     near = jnp.sum(differs * (distance < NEAR**2))
-    alike = jnp.sum((pixels - known.even) * (known.background - known.even), axis=-1)
+    alike = jnp.sum((pixels - known.even) * (background - known.even), axis=-1)
     mirrored = jnp.sum(jnp.where(differs + differs[:, ::-1] == 0, alike, 0.0)) < 0
     return near, jnp.sum(differs) - near, mirrored

@@ -43,6 +43,17 @@ def check_image(name: str, image: Any, shape: tuple[int, int]) -> NDArray[np.uin
     return pixels.astype(np.float32)
 
 
+def roughly(model: LearnedModel, plant: Plant, pixels: NDArray[Any]) -> Array:
+    """A possible configuration `[n]`, near that of an image `[H, W, 3]` if the camera is the model's."""
+
+    @jax.jit
+    def see(pixels: Array) -> Array:
+        keypoints = model.keypoints_fn(pixels)
+        return project(plant, keypoints, jnp.zeros_like(keypoints), 5)[0]
+
+    return see(jnp.asarray(pixels))
+
+
 def find_target(model: LearnedModel, image: ArrayLike) -> Array:
     """Keypoints of a target image.
 

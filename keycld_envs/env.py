@@ -11,6 +11,7 @@ from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from keycld_envs.checks import ObsType, check_camera, check_choice, check_size, finite_vector, short
+from keycld_envs.disturbance import Disturbance, seen
 from keycld_envs.effects import Effect
 from keycld_envs.errors import InputError
 from keycld_envs.rendering import Quality, Renderers
@@ -69,11 +70,10 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
     - `camera`: name of a camera of the model. The default looks at right angles to the plane of motion; in the Stock
       variants, dm_control's own are "fixed" and "lookat" ("lookatcart").
     - `render_quality`: "fast" (default) or "full", which is bit for bit dm_control's image.
-    - `action_limit`: symmetric range of every motor; default the system's.
-    - `start`: "random" or "hanging".
+    - `action_limit`: symmetric range of every motor; default the system's. `start`: "random" or "hanging".
     - `effects`: physics to add, of `keycld_envs.effects`: friction, springs, lags of motors, and so on.
-    - `render_mode`: "rgb_array" or None.
-    - `render_width`, `render_height`: size of the frames of `render` in pixels, for people, default 480 x 480.
+    - `disturbance`: how the camera differs from the model's, a `keycld_envs.disturbance.Disturbance`.
+    - `render_mode`: "rgb_array" or None; `render_width`, `render_height`: of `render`, for people, default 480 x 480.
 
     `info` holds "qpos" [nq], "qvel" [nv], "energy" (kinetic and potential, J), and "is_success". `model` and `data` are
     the live `MjModel` and `MjData`. OpenGL is opened when the first image is rendered; `close` frees it. Start worker
@@ -101,6 +101,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         action_limit: float | None = None,
         start: Start | None = None,
         effects: Sequence[Effect] = (),
+        disturbance: Disturbance | None = None,
         render_mode: str | None = None,
         render_width: int = RENDER_SIZE,
         render_height: int = RENDER_SIZE,
@@ -116,6 +117,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
             action_limit=action_limit,
             start=start,
             effects=effects,
+            disturbance=disturbance,
             render_mode=render_mode,
             render_width=render_width,
             render_height=render_height,
@@ -127,7 +129,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         self.render_height = check_size("render_height", render_height)
         self.render_quality: Quality = render_quality
         self.start: Start = self.system.start if start is None else start
-        self.render_mode = render_mode
+        self.render_mode, self.disturbance, self._noise_seed = render_mode, disturbance, 0
         _check_choices(obs_type, render_quality, self.start, render_mode)
         fps = round(1 / self.system.timestep)
         self.metadata = {**self.metadata, "render_fps": fps}  # pyright: ignore[reportAttributeAccessIssue]
@@ -158,6 +160,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         qpos, qvel = self.system.sample_start(self.start, self.np_random)
         self._simulation.reset(**{"qpos": qpos, "qvel": qvel, **chosen})
         self._success.reset()
+        self._noise_seed = 0 if self.disturbance is None else int(self.np_random.integers(2**32))
         return self._observation(), self._info()
 
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -203,9 +206,9 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         self._renderers.close()
 
     def _render(self, data: mujoco.MjData, width: int | None = None, height: int | None = None) -> NDArray[np.uint8]:
-        width = self.width if width is None else check_size("width", width)
-        height = self.height if height is None else check_size("height", height)
-        return self._renderers.of_size(width, height).render(data, self.camera)
+        size = self.width if width is None else width, self.height if height is None else height
+        moment = (self._noise_seed, round(data.time / self.model.opt.timestep))
+        return seen(self.disturbance, self._renderers.of_size(*size), data, self.camera, moment)
 
     def _observation(self) -> Any:
         if self.obs_type == "pixels":

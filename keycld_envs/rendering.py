@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.checks import check_size
 from keycld_envs.opengl import create_context, no_opengl
 
 Quality = Literal["fast", "full"]
@@ -179,6 +180,7 @@ class Renderers:
 
     def of_size(self, width: int, height: int) -> Renderer:
         """The one of a size in pixels, opened when it is first asked for."""
+        width, height = check_size("width", width), check_size("height", height)
         if (width, height) not in self._open:
             self._open[width, height] = Renderer(self._model, width, height, self._quality)
         return self._open[width, height]

@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-from tyro.conf import Positional
+from tyro.conf import Positional, UseAppendAction
 
 from keycld_control.cli._output import print_result
 
@@ -22,6 +22,10 @@ class Args:
         law: "turning", "projected" (the paper's on the constraint manifold) or "paper" (to the letter).
         kp: Stiffness, 1/s²; by default 40.
         kd: Damping, 1/s; by default 10.
+        disturb: What the camera does to images, the target's included, as NAME=NUMBERS, again for another: shift=2 or
+            shift=2,-1 (pixels to the right, up), zoom=1.02, roll=0.02 (rad), brightness=0.7 or brightness=1,0.9,0.8
+            (red, green, blue), offset=10 (grey levels), blur=0.7 (pixels), noise=10 (grey levels), jpeg=80 (quality).
+        clean_target: The target image is undisturbed.
         video: Write a clip of the whole first episode (.mp4 or .gif).
         workers: Number of processes; the result does not depend on it.
         seed: Seed of the first episode; the following ones count up.
@@ -36,6 +40,8 @@ class Args:
     law: Literal["turning", "projected", "paper"] = "turning"
     kp: float = 40.0
     kd: float = 10.0
+    disturb: UseAppendAction[tuple[str, ...]] = ()
+    clean_target: bool = False
     video: Path | None = None
     workers: int = 1
     seed: int = 0
@@ -44,10 +50,13 @@ class Args:
 
 def run(args: Args) -> None:
     """Run the episodes, film the first one if asked to, and print the statistics."""
+    from keycld_control.cli._pairs import pairs
     from keycld_control.closed_loop import LoopSettings
     from keycld_control.swingup import swing_up
     from keycld_control.video import check_clip_path, film
+    from keycld_envs.disturbance import Disturbance
 
+    words = pairs("--disturb", args.disturb, "NUMBERS", "brightness=0.7")
     settings = LoopSettings(
         system=args.system,
         weights=args.weights,
@@ -57,6 +66,8 @@ def run(args: Args) -> None:
         kp=args.kp,
         kd=args.kd,
         law=args.law,
+        disturbance=Disturbance.parse(words) if words else None,
+        clean_target=args.clean_target,
     )
     if args.video is not None:
         check_clip_path(args.video)

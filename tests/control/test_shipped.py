@@ -8,6 +8,7 @@ from keycld_control.closed_loop import LoopSettings
 from keycld_control.swingup import swing_up
 from keycld_control.video import film
 from keycld_envs import REFERENCE_SYSTEMS, get_system
+from keycld_envs.disturbance import Disturbance
 from keycld_model.stored import shipped_models
 
 pytestmark = [pytest.mark.slow, pytest.mark.render]
@@ -27,6 +28,21 @@ def test_they_swing_up(name, start):
     result = swing_up(settings(name, start=start), episodes=1)
     assert result.successes == 1
     assert result.median_time_to_upright_s < 5
+
+
+@pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
+@pytest.mark.parametrize(
+    "disturbance",
+    [
+        Disturbance(right=-1.5, up=2),
+        Disturbance(gain=(0.7, 0.7, 0.7)),
+        Disturbance(gain=(1.3, 1.3, 1.3)),
+        Disturbance(noise=10),
+    ],
+    ids=["shifted", "darker", "brighter", "noisy"],
+)
+def test_they_swing_up_before_another_camera(name, disturbance):
+    assert swing_up(settings(name, start="random", disturbance=disturbance), episodes=1).successes == 1
 
 
 @pytest.mark.parametrize("name", WEAK)

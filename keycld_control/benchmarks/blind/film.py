@@ -1,18 +1,15 @@
 """What a camera that is not quite the simulator's shows of a sealed case."""
 
-import io
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from typing import Any
 
-import imageio.v3 as iio
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors
-from keycld_envs.rendering import Renderer, View
+from keycld_envs.disturbance import Disturbance
+from keycld_envs.rendering import Renderer
 from keycld_envs.systems import get_system
 
 Array = NDArray[np.float64]
@@ -24,34 +21,14 @@ SHIFTED = 1 / 3
 """Share of the cases in which frames look otherwise, too: light, noise and compression."""
 
 
-@dataclass(frozen=True)
-class Film:
+@dataclass(frozen=True, kw_only=True)
+class Film(Disturbance):
     """A camera and its light.
 
     Attributes:
-        right: shift of the image, pixels.
-        up: shift of the image, pixels.
-        zoom: factor of lengths.
-        aspect: factor of horizontal lengths beside it.
-        roll: rad.
-        blur: standard deviation of a Gaussian, pixels.
-        gain: of red, green and blue.
-        offset: grey levels.
-        noise: standard deviation of every pixel, grey levels.
-        jpeg: quality of the compression, None for none.
         shifted: light, noise and compression are far from the simulator's.
     """
 
-    right: float
-    up: float
-    zoom: float
-    aspect: float
-    roll: float
-    blur: float
-    gain: tuple[float, float, float]
-    offset: float
-    noise: float
-    jpeg: int | None
     shifted: bool
 
     @classmethod
@@ -76,22 +53,6 @@ class Film:
     def answer(self) -> dict[str, Any]:
         """All numbers."""
         return asdict(self)
-
-    @cached_property
-    def view(self) -> View:
-        """As the renderer takes it."""
-        return View(self.right, self.up, self.zoom, self.aspect, self.roll)
-
-    def develop(self, image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-        """What the camera makes of an ideal image."""
-        out = gaussian_filter(image.astype(np.float64), (self.blur, self.blur, 0))
-        out = out * self.gain + self.offset + rng.normal(0, self.noise, image.shape)
-        frame = np.clip(np.round(out), 0, 255).astype(np.uint8)
-        if self.jpeg is None:
-            return frame
-        with io.BytesIO() as file:
-            iio.imwrite(file, frame, extension=".jpg", quality=self.jpeg)
-            return np.asarray(iio.imread(file.getvalue(), extension=".jpg"))
 
 
 def _gain(light: float, spread: float, rng: np.random.Generator) -> tuple[float, float, float]:
