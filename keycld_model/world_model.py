@@ -1,6 +1,7 @@
 """`WorldModel`: keypoints, constrained Lagrangian and renderer, ready to use."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,8 +12,12 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
+from keycld_envs import system_of
+from keycld_envs.effects import Effect
+from keycld_envs.effects.stored import effect_to_json, effects_from_json
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
+from keycld_model.added_effects import AddedEffects, added_effects
 from keycld_model.arrays import actions_of, images_of, keypoints_of, sequences_of
 from keycld_model.checkpoint import write_checkpoint
 from keycld_model.compiled import CompiledModel
@@ -53,12 +58,14 @@ class WorldModel:
         parameters: nested dictionary of arrays.
         name: where the model came from: a shipped name or a path.
         meta: what the checkpoint says about its training.
+        effects: physics beside what was learned, such as a diagnosis found; see `with_effects`.
     """
 
     config: ModelConfig
     parameters: Parameters
     name: str = "untitled"
     meta: dict[str, Any] | None = None
+    effects: tuple[Effect, ...] = ()
 
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> "WorldModel":
@@ -71,17 +78,37 @@ class WorldModel:
             InputError: if there is no such model, or it is damaged or of another version.
         """
         config, parameters, meta = read_model(find_model(os.fspath(source)))
-        return cls(config, parameters, os.fspath(source), meta)
+        effects = effects_from_json(meta.get("effects", []), f"{source}: effects")
+        return cls(config, parameters, os.fspath(source), meta, effects)
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write a checkpoint (safetensors and JSON) that `load` reads."""
-        meta = {k: v for k, v in (self.meta or {}).items() if k not in ("schema", "sha256", "versions", "config")}
+        meta = {k: v for k, v in (self.meta or {}).items() if k not in ("schema", "sha256", "versions", "config", "effects")}
+        if self.effects:
+            meta["effects"] = [effect_to_json(effect) for effect in self.effects]
         return write_checkpoint(folder, {"model": self.parameters}, {"config": self.config.to_dict(), **meta})
 
     def with_parameters(self, parameters: Parameters) -> "WorldModel":
         """The same architecture with other parameters, sharing what is compiled already."""
         other = replace(self, parameters=parameters)
-        other.__dict__["_compiled"] = self._compiled
+        if not self.effects:  # which are reckoned for these parameters
+            other.__dict__["_compiled"] = self._compiled
+        return other
+
+    def with_effects(self, effects: Sequence[Effect]) -> "WorldModel":
+        """The same model with physics that it has not learned, in place of any that it had been given.
+
+        Predictions, agents and checkpoints have it; weights stay as they are.
+
+        Args:
+            effects: of `keycld_envs.effects`: friction, springs and constant forces at joints, gain, saturation, dead
+                zone, lag and delay of motors, tilt of gravity.
+
+        Raises:
+            InputError: if there is another effect, or one at no place of the system, or the model has no constraints.
+        """
+        other = replace(self, effects=tuple(effects))
+        _ = other.added
         return other
 
     # What the model is of -------------------------------------------------------------------------------------------
@@ -130,7 +157,24 @@ class WorldModel:
 
     @cached_property
     def _compiled(self) -> CompiledModel:
-        return CompiledModel(self.config)
+        return CompiledModel(self.config, self.added)
+
+    @cached_property
+    def added(self) -> AddedEffects | None:
+        """The effects in the model's units, None if there are none."""
+        if not self.effects:
+            return None
+        if self.system is None or not self.constrained:
+            raise InputError("Effects are added to a model of a registered system whose rods and sliders hold its masses.")
+        lagrangian = Parts(self.config).lagrangian(self.parameters)
+        return added_effects(
+            self.effects,
+            system_of(self.system),
+            self.timestep,
+            lagrangian.points,
+            lagrangian.potential_energy,
+            lagrangian.input_matrix,
+        )
 
     @property
     def parts(self) -> Parts:
@@ -143,7 +187,8 @@ class WorldModel:
 
     def potential_energy_fn(self, x: Array) -> Array:
         """V (scalar) of positions `[n]`. JAX-traceable."""
-        return self.parts.lagrangian(self.parameters).potential_energy(x)
+        potential = self.parts.lagrangian(self.parameters).potential_energy(x)
+        return potential if self.added is None else potential + self.added.potential_energy(x)
 
     def input_matrix_fn(self, x: Array) -> Array:
         """g `[n, m]` of positions `[n]`. JAX-traceable."""
@@ -233,6 +278,8 @@ class WorldModel:
             InputError: if the arrays do not fit together or the model, or hold NaN.
         """
         frames, u = sequences_of(images, actions, self.image_shape, self.mechanism.num_actions)
+        if self.added is not None:
+            u = np.stack([self.added.at_motors(one) for one in u]).astype(np.float32)
         states = [self._compiled.rollout(self.parameters, z, a, refine) for z, a in zip(frames, u, strict=True)]
         shape = (len(frames), u.shape[1] + 1, self.mechanism.num_keypoints, 2)
         x, v = (np.stack([np.asarray(s[i]) for s in states]).reshape(shape) for i in (0, 1))
