@@ -1,8 +1,8 @@
 """What becomes of actions on their way to the joints, where motors are known to be weak, late or stiff.
 
 An agent decides what motors shall do, some frames from now if they are late, and tells them what makes them do it. The
-effects themselves say what motors make of a sequence of commands (`AddedEffects.at_motors`), so that nothing is modelled
-twice: here, that function is evaluated on the commands of the past and inverted for the next one.
+effects themselves say what motors make of a sequence of commands (`AddedEffects.at_motors`); here, that function is
+evaluated on the commands of the past, and inverted for the next one.
 """
 
 from typing import NamedTuple

@@ -256,4 +256,3 @@ def _compile(
         return decide(estimate, belief.pump, trust, outlook)
 
     return jax.jit(first), jax.jit(following)
-

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from keycld_control.agent import DEFAULT_KD, DEFAULT_KP, EnergyShapingAgent
 from keycld_control.law import Law
 from keycld_envs import InputError, KeyCLDEnv, resolve_env_id
+from keycld_envs.effects import Effect
 from keycld_envs.registration import same_system
 from keycld_envs.success import SuccessMonitor
 from keycld_envs.systems import Start
@@ -35,6 +36,8 @@ class LoopSettings:
         kp: stiffness, 1/s^2.
         kd: damping, 1/s.
         law: control law, see `EnergyShapingAgent`.
+        effects: physics of the environment that the model has not learned.
+        corrections: physics that the agent is told of; in place of what its checkpoint has, if there are any.
     """
 
     system: str
@@ -45,6 +48,8 @@ class LoopSettings:
     kp: float = DEFAULT_KP
     kd: float = DEFAULT_KD
     law: Law = "turning"
+    effects: tuple[Effect, ...] = ()
+    corrections: tuple[Effect, ...] = ()
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -101,6 +106,7 @@ def make_loop(settings: LoopSettings) -> Iterator[Loop]:
         disable_env_checker=True,
         start=settings.start,
         action_limit=settings.action_limit,
+        effects=settings.effects,
         width=width,
         height=height,
     )
@@ -110,7 +116,7 @@ def make_loop(settings: LoopSettings) -> Iterator[Loop]:
     with closing(bare):
         _check_system(model, bare, env_id)
         agent = EnergyShapingAgent(
-            model,
+            model.with_effects(settings.corrections) if settings.corrections else model,
             bare.render_qpos(bare.system.target_qpos),
             settings.kp,
             settings.kd,

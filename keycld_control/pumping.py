@@ -168,7 +168,5 @@ def pumping_action(
     push = jnp.clip((pump.energy - energy(plant, x, v)) / (BAND * pump.span), -1.0, 1.0) * direction
     action = push * jnp.where(push > 0, high[pump.actuator], -low[pump.actuator])
     only = jnp.arange(len(low)) == pump.actuator
-    return (
-        PumpState(caught, direction),
-        nearest_action(moving, beyond_friction(plant, x, v, shape), jnp.where(only, action, low), jnp.where(only, action, high)),
-    )
+    low, high = jnp.where(only, action, low), jnp.where(only, action, high)
+    return PumpState(caught, direction), nearest_action(moving, beyond_friction(plant, x, v, shape), low, high)

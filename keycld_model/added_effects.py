@@ -1,9 +1,8 @@
 """Named effects beside a learned Lagrangian: what commands become, and forces on keypoints.
 
-Effects speak of joints, in SI units; the model speaks of keypoints, and knows (M, V, g) up to a common factor. Angles of
-rods and places of sliders are the joints' positions q(x), so that a torque t at the joints is the force s (dq/dx)' t on the
-keypoints: it has the power t'qd in every motion. The factor s is the one with which the learned motors have the power
-that the declared ones have.
+Effects speak of joints, in SI units; the model speaks of keypoints, and knows (M, V, g) up to a common factor. Joint
+positions are functions q(x) of the keypoints, so that a torque t at the joints is the force s (dq/dx)' t on them: it has
+the power t'qd in every motion. The factor s is the one with which the learned motors have the power of the declared ones.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,12 +40,10 @@ from keycld_envs.effects.added_physics import check_numbers
 from keycld_envs.effects.edited import torque_per_command
 from keycld_envs.effects.places import ActuatorEffect, JointEffect
 from keycld_envs.errors import InputError
-from keycld_envs.mechanism import Mechanism
 from keycld_envs.systems import System
-from keycld_model.dynamics import Dynamics
-from keycld_model.lagrangian import Lagrangian
-from keycld_model.numerics import bounded_minimum, rk4_step
-from keycld_model.physics import PointMasses, in_turns
+from keycld_model.joints import joint_positions
+from keycld_model.numerics import bounded_minimum
+from keycld_model.physics import PointMasses
 
 Floats = NDArray[np.floating]
 FRICTION = (
@@ -211,41 +208,6 @@ class AddedEffects:
         return (after - before)[[0, 2]] / max(float(np.linalg.norm(before)), 1e-9)
 
 
-class DynamicsWithEffects(Dynamics):
-    """A Lagrangian's dynamics with effects; `u` is what motors make of actions, see `AddedEffects.at_motors`.
-
-    Args:
-        lagrangian: constrained point masses.
-        added: the effects.
-    """
-
-    def __init__(self, lagrangian: Lagrangian, added: AddedEffects) -> None:
-        self.mechanism, self.lagrangian, self.added = lagrangian.mechanism, lagrangian, added
-
-    def acceleration(self, x: Array, v: Array, u: Array) -> Array:
-        """x'' `[n]` under what motors do, without dry friction."""
-        turned = jax.grad(self.added.potential_energy)(x)
-        return self.lagrangian.points.acceleration(self.lagrangian.force(x, u) - turned + self.added.force(x, v), x, v)
-
-    def project(self, x: Array, v: Array, iterations: int = 3) -> tuple[Array, Array]:
-        """Nearest state that meets the constraints."""
-        return self.lagrangian.project(x, v, iterations)
-
-    def step(self, x: Array, v: Array, u: Array, step_size: float | Array) -> tuple[Array, Array]:
-        """A step without dry friction, projected on the constraints, then the friction."""
-        x, v = rk4_step(lambda x, v: self.acceleration(x, v, u), x, v, step_size)
-        return self.added.slowed(*self.project(x, v, 1), step_size)
-
-    def fine_step(self, x: Array, v: Array, u: Array, step_size: float) -> tuple[Array, Array]:
-        """The same in parts where a rod turns fast."""
-        step = in_turns(lambda points, force, x, v, h: self.step(x, v, u, h))
-        return step(self.lagrangian.points, lambda x: x, x, v, step_size)
-
-    def tangent_space(self, x: Array) -> Array:
-        """Orthonormal basis `[n, dof]` of the directions in which a configuration can move."""
-        return self.lagrangian.tangent_space(x)
-
-
 def added_effects(
     effects: Sequence[Effect],
     system: System,
@@ -280,7 +242,7 @@ def added_effects(
     if not off < UNLIKE or scale <= 0:
         raise InputError(
             f"The model's motors do not work at the joints of {system.name!r} as declared (their powers differ by "
-            f"{100 * off:.0f} %), so that effects have no place in it; train it longer, or on recordings of that system."
+            f"{100 * off:.0f} %), so that effects have no place in it; train it longer, or on that system."
         )
     energies = np.asarray(jax.jit(jax.vmap(potential_energy))(x))
     heights = np.asarray(x).reshape(len(x), -1, 2)[..., 1]
@@ -291,7 +253,7 @@ def added_effects(
 def _weights(masses: Floats, heights: Floats, energies: Floats) -> Floats:
     """Weights `[K]` with which heights `[P, K]` make potential energies `[P]`, up to a constant.
 
-    They need not be in proportion to the masses, since a link's inertia and moment are two numbers; where heights do not
+    They need not be in proportion to the masses, since a link's inertia and moment are two numbers. Where heights do not
     tell, they are.
     """
     gravity = np.polyfit(heights @ masses, energies, 1)[0]
@@ -299,67 +261,6 @@ def _weights(masses: Floats, heights: Floats, energies: Floats) -> Floats:
     few = 1e-4 * np.trace(arms.T @ arms) * np.eye(len(masses))
     more = np.linalg.solve(arms.T @ arms + few, arms.T @ (left - arms @ masses * gravity))
     return gravity * masses + more
-
-
-def joint_positions(system: System, points: PointMasses) -> Callable[[Array], Array]:
-    """Positions `[nq]` of a system's joints, rad or m, of keypoints `[n]` anywhere on the links.
-
-    Hinges go with rods and slides with sliders, each in order; senses, units and zeros are those of the system's own
-    keypoints.
-    """
-    mechanism, pivot = system.mechanism, points.pivot
-    order = _order(system)
-    model = system.compile()
-    data = mujoco.MjData(model)
-
-    def seen(qpos: Floats) -> Floats:
-        data.qpos[:] = qpos
-        mujoco.mj_forward(model, data)
-        shown = system.keypoints(model, data).ravel()
-        return np.asarray(_measures(mechanism, jnp.asarray(mechanism.pivot), jnp.asarray(shown)))[order]
-
-    start, step = np.asarray(system.target_qpos, float), 1e-2
-    moved = np.array([seen(start + step * row) - seen(start - step * row) for row in np.eye(len(start))])
-    units = jnp.asarray(2 * step / _wrapped(moved.diagonal()))
-    zero = jnp.asarray(start - np.asarray(units) * seen(start))
-    turns = jnp.asarray([joint.kind == "hinge" for joint in system.joints])
-
-    def positions(x: Array) -> Array:
-        q = units * _measures(mechanism, pivot, x)[order] + zero
-        return jnp.where(turns, _wrapped(q), q)
-
-    return positions
-
-
-def _order(system: System) -> NDArray[np.intp]:
-    """Which rod, or slider behind the rods, is each joint's."""
-    rods, sliders = len(system.mechanism.rods), len(system.mechanism.sliders)
-    kinds = [joint.kind for joint in system.joints]
-    if kinds.count("hinge") != rods or kinds.count("slide") != sliders:
-        raise InputError(
-            f"System {system.name!r} has {kinds.count('hinge')} hinge(s) for {rods} rod(s) and {kinds.count('slide')} "
-            f"slide(s) for {sliders} slider(s), so that effects at its joints have no place in a world model."
-        )
-    places = [kinds[:j].count(kind) + (0 if kind == "hinge" else rods) for j, kind in enumerate(kinds)]
-    return np.array(places, np.intp)
-
-
-def _measures(mechanism: Mechanism, pivot: Array, x: Array) -> Array:
-    """Angles of rods, clockwise from up, relative to the rod that each hangs on, and places along rails, `[R + S]`."""
-    points = x.reshape(-1, 2)
-    along = [points[rod.end] - (pivot if rod.start is None else points[rod.start]) for rod in mechanism.rods]
-    angles = [jnp.arctan2(rod[0], rod[1]) for rod in along]
-    ends = [rod.end for rod in mechanism.rods]
-    out = [a - angles[ends.index(r.start)] if r.start in ends else a for a, r in zip(angles, mechanism.rods, strict=True)]
-    for slider in mechanism.sliders:
-        rail = jnp.array([slider.normal[1], -slider.normal[0]], x.dtype)
-        out.append((points[slider.keypoint] - pivot) @ rail / jnp.linalg.norm(rail))
-    return jnp.stack(out)
-
-
-def _wrapped(angles: Any) -> Any:
-    """Into [-pi, pi)."""
-    return (angles + np.pi) % (2 * np.pi) - np.pi
 
 
 def _states(points: PointMasses) -> tuple[Array, Array]:

@@ -9,9 +9,10 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
-from keycld_model.added_effects import AddedEffects, DynamicsWithEffects
+from keycld_model.added_effects import AddedEffects
 from keycld_model.config import ModelConfig
 from keycld_model.dynamics import Dynamics
+from keycld_model.dynamics_with_effects import DynamicsWithEffects
 from keycld_model.modules import Parameters, Parts, as_float
 from keycld_model.state_estimation import estimate_state, refine_state
 

@@ -83,7 +83,9 @@ class WorldModel:
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write a checkpoint (safetensors and JSON) that `load` reads."""
-        meta = {k: v for k, v in (self.meta or {}).items() if k not in ("schema", "sha256", "versions", "config", "effects")}
+        meta = {
+            k: v for k, v in (self.meta or {}).items() if k not in ("schema", "sha256", "versions", "config", "effects")
+        }
         if self.effects:
             meta["effects"] = [effect_to_json(effect) for effect in self.effects]
         return write_checkpoint(folder, {"model": self.parameters}, {"config": self.config.to_dict(), **meta})
@@ -165,7 +167,9 @@ class WorldModel:
         if not self.effects:
             return None
         if self.system is None or not self.constrained:
-            raise InputError("Effects are added to a model of a registered system whose rods and sliders hold its masses.")
+            raise InputError(
+                "Effects are added to a model of a registered system whose rods and sliders hold its masses."
+            )
         lagrangian = Parts(self.config).lagrangian(self.parameters)
         return added_effects(
             self.effects,

@@ -2,11 +2,14 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
 from keycld_control.cli._output import print_result
+
+if TYPE_CHECKING:
+    from keycld_envs.effects import Effect
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,7 @@ class Args:
         law: "turning", "projected" (the paper's on the constraint manifold) or "paper" (to the letter).
         kp: Stiffness, 1/s²; by default 40.
         kd: Damping, 1/s; by default 10.
+        corrections: report.json of `keycld diagnose`; the agent makes up for what it found.
         video: Write a clip of the whole first episode (.mp4 or .gif).
         workers: Number of processes; the result does not depend on it.
         seed: Seed of the first episode; the following ones count up.
@@ -36,6 +40,7 @@ class Args:
     law: Literal["turning", "projected", "paper"] = "turning"
     kp: float = 40.0
     kd: float = 10.0
+    corrections: Path | None = None
     video: Path | None = None
     workers: int = 1
     seed: int = 0
@@ -57,6 +62,7 @@ def run(args: Args) -> None:
         kp=args.kp,
         kd=args.kd,
         law=args.law,
+        corrections=() if args.corrections is None else _corrections(args.corrections),
     )
     if args.video is not None:
         check_clip_path(args.video)
@@ -64,3 +70,19 @@ def run(args: Args) -> None:
     if args.video is not None:
         film(settings, args.video)
     print_result(asdict(result), as_json=args.json)
+
+
+def _corrections(path: Path) -> "tuple[Effect, ...]":
+    """What a diagnosis found that a world model can be given."""
+    from keycld_control.correction.corrections import corrections_of
+    from keycld_envs.errors import InputError
+    from keycld_envs.reading import read_json
+
+    try:
+        report = read_json(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--corrections: {path} cannot be read ({error}); name a report.json.") from error
+    effects, left = corrections_of(report, str(path))
+    if left:
+        raise InputError(f"--corrections: {path} has {', '.join(left)}, which agents cannot make up for; remove it.")
+    return effects
