@@ -24,6 +24,8 @@ from keycld_envs.checks import short
 from keycld_envs.errors import InputError
 
 DEFAULT_KP, DEFAULT_KD = 40.0, 10.0
+ROBUST = 0.3
+"""Damping times the time until a command arrives, at most; the gains of agents with late motors are lowered to it."""
 GRACE, FADING = 0.2, 0.1
 """Seconds without a trusted image that the estimate runs on the model, and in which the action then fades to zero."""
 
@@ -61,7 +63,7 @@ class EnergyShapingAgent:
         model: a `keycld_model.WorldModel`.
         target_img: `[H, W, 3]`, the mechanism at its target as the camera sees it; uint8, or float in 0..1.
         kp: stiffness, 1/s^2.
-        kd: damping, 1/s.
+        kd: damping, 1/s. Where commands are late, both are lowered, with the same damping ratio.
         law: "turning" (every rod turns to its angle as a damped oscillator), "projected" (the paper's law on the
             constraint manifold), or "paper" (its formula to the letter); see `keycld_control.law`.
         action_space: the environment's action space. If neither this nor `action_limit` is given, actions stay within
@@ -114,8 +116,10 @@ class EnergyShapingAgent:
         self.pivot: NDArray[np.float32] = np.asarray(model.pivot)
         self.pumps = pump is not None
         known = expect(model, plant, target)
+        late = kd * plant.timestep * float(self._actuation.lead.max())
+        slower = min(1.0, ROBUST / late) if late else 1.0
         self._first, self._next = _compile(
-            plant, model.keypoints_fn, known, target, float(kp), float(kd), law, pump, self._actuation.lead
+            plant, model.keypoints_fn, known, target, kp * slower**2, kd * slower, law, pump, self._actuation.lead
         )
         self._belief: Belief | None = None
         self._image: NDArray[Any] | None = None

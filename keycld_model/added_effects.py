@@ -1,8 +1,8 @@
 """Named effects beside a learned Lagrangian: what commands become, and forces on keypoints.
 
 Effects speak of joints, in SI units; the model speaks of keypoints, and knows (M, V, g) up to a common factor. Joint
-positions are functions q(x) of the keypoints, so that a torque t at the joints is the force s (dq/dx)' t on them: it has
-the power t'qd in every motion. The factor s is the one with which the learned motors have the power of the declared ones.
+positions are functions q(x) of the keypoints, so that a torque t at the joints is the force s (dq/dx)' t on them: it
+has the power t'qd in every motion. With the factor s, learned motors have the power of the declared ones.
 """
 
 from collections.abc import Callable, Sequence
@@ -253,8 +253,8 @@ def added_effects(
 def _weights(masses: Floats, heights: Floats, energies: Floats) -> Floats:
     """Weights `[K]` with which heights `[P, K]` make potential energies `[P]`, up to a constant.
 
-    They need not be in proportion to the masses, since a link's inertia and moment are two numbers. Where heights do not
-    tell, they are.
+    They need not be in proportion to the masses, since a link's inertia and moment are two numbers. Where heights do
+    not tell, they are.
     """
     gravity = np.polyfit(heights @ masses, energies, 1)[0]
     arms, left = heights - heights.mean(axis=0), energies - energies.mean()

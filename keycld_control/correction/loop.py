@@ -1,17 +1,20 @@
 """Conceal, explore, diagnose, correct, and count successes before and after."""
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from keycld_control.closed_loop import LoopSettings
+import gymnasium as gym
+
+from keycld_control.closed_loop import LoopSettings, make_loop, run_episode
 from keycld_control.correction.concealed import conceal
 from keycld_control.correction.corrections import corrections_of
 from keycld_control.correction.explore import explore
 from keycld_control.plain_json import plain, write_json
 from keycld_control.swingup import swing_up
-from keycld_envs import resolve_env_id, system_of
+from keycld_envs import KeyCLDEnv, resolve_env_id, system_of
 from keycld_envs.effects import Effect
 from keycld_envs.effects.stored import effect_to_json, effects_from_json
 from keycld_envs.errors import InputError
@@ -117,12 +120,21 @@ def _kept(path: Path, make: Callable[[], Any], plan: LoopPlan | None = None) -> 
 
 def _conceal(plan: LoopPlan, base: LoopSettings) -> dict[str, Any]:
     """Draw effects with which the agent fails in more than half of some episodes."""
+    with make_loop(base) as loop:
 
-    def fails(effects: tuple[Effect, ...]) -> bool:
-        settings = replace(base, effects=effects, seed=PROBE_SEED + plan.conceal)
-        return 2 * swing_up(settings, PROBES).successes < PROBES
+        def fails(effects: tuple[Effect, ...]) -> bool:
+            shape = {"width": loop.env.width, "height": loop.env.height}
+            env = gym.make(loop.env_id, disable_env_checker=True, effects=effects, **shape).unwrapped
+            assert isinstance(env, KeyCLDEnv)
+            done = [0, 0]
+            with closing(env):
+                for probe in range(PROBES):
+                    done[run_episode(loop._replace(env=env), PROBE_SEED + probe).success] += 1
+                    if 2 * done[True] >= PROBES or 2 * done[False] > PROBES:
+                        break
+            return done[False] > done[True]
 
-    effects, passed = conceal(system_of(plan.system), plan.conceal, fails)
+        effects, passed = conceal(loop.env.system, plan.conceal, fails)
     return {"effects": [effect_to_json(effect) for effect in effects], "passed_over": passed}
 
 
