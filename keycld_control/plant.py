@@ -30,7 +30,7 @@ class LearnedModel(Protocol):
         render_fn: positions `[n]` to image `[H, W, 3]`, float in 0 to 1.
         potential_energy_fn: positions `[n]` to V (scalar).
         input_matrix_fn: positions `[n]` to g `[n, m]`.
-        added: physics beside what was learned, or None; V has gravity's.
+        added: `AddedEffects`, physics beside what was learned, or None; V has gravity's.
     """
 
     @property
@@ -58,7 +58,7 @@ class LearnedModel(Protocol):
     @property
     def input_matrix_fn(self) -> Callable[[Array], Array]: ...  # noqa: D102
     @property
-    def added(self) -> AddedEffects | None: ...  # noqa: D102
+    def added(self) -> Any: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)

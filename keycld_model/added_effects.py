@@ -118,7 +118,7 @@ class AddedEffects:
         """Force on keypoints `[n]` of all that is smooth in the state, beside the potential."""
         slope, q, qd = self._joint_state(x, v)
         damping, polynomial = self._damping
-        torque = -damping * qd
+        torque = jnp.asarray(-damping * qd)
         for power, coefficient in enumerate(polynomial.T, start=1):
             torque -= coefficient * qd * jnp.abs(qd) ** power
         for effect in self._of_joints:
@@ -183,7 +183,8 @@ class AddedEffects:
         return [effect for effect in self.effects if isinstance(effect, ActuatorEffect)]
 
     @property
-    def _of_joints(self) -> list[JointEffect]:
+    def _of_joints(self) -> list[Any]:
+        """Their functions take NumPy's arrays, and a compiler's as well."""
         return [effect for effect in self.effects if isinstance(effect, JointEffect)]
 
     @cached_property

@@ -1,6 +1,7 @@
 """Agents that make up for physics that their model has not learned."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,8 +33,6 @@ LIMIT = 3.0
 
 def exact(name, effects=()):
     """The exact model of a system, with effects."""
-    from dataclasses import replace
-
     oracle = make_oracle(name)
     if not effects:
         return oracle

@@ -1,17 +1,12 @@
 """Effects beside a Lagrangian of point masses move it as they move MuJoCo."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "control"))
-
 from oracle import SYSTEMS, make_oracle, point_masses, velocities
 
 from keycld_control.plant import Plant, acceleration, advanced
