@@ -23,7 +23,7 @@ USUAL_SPEED = 5.0
 """rad/s or m/s at which viscous friction is compared with the motor."""
 RESERVE = 0.85
 """Share of a motor's torque that friction and weight at the target may take together."""
-TRIES = 200
+TRIES = 50
 """Combinations that are drawn before the mechanism is given up."""
 
 
@@ -98,7 +98,7 @@ def conceal(system: System, seed: int, fails: Callable[[tuple[Effect, ...]], boo
         The effects, and how many possible combinations were passed over, because the agent did not fail.
 
     Raises:
-        InputError: if there is none among the first 200.
+        InputError: if there is none among the first 50.
     """
     passed = 0
     for attempt in range(TRIES):
