@@ -27,6 +27,9 @@ Observe = Literal["pixels", "both", "states"]
 PROBES = 6
 """Episodes, other than those that are counted, of which the uncorrected agent must fail in more than half."""
 PROBE_SEED = 900_000
+LINKS = 0.02
+"""Spread of the logarithms of masses and lengths, which are those that the model was trained on. Were they as free as in a
+mechanism that nobody has measured, a weak motor on a single joint would look like a heavy link."""
 SCHEMA = "keycld.loop/1"
 
 
@@ -141,11 +144,14 @@ def _conceal(plan: LoopPlan, base: LoopSettings) -> dict[str, Any]:
 def _diagnose(plan: LoopPlan, recordings: Sequence[Recording], workers: int) -> dict[str, Any]:
     """The report of a diagnosis against the simulator without effects."""
     from keycld_model.diagnosis import diagnose, diagnose_images
+    from keycld_model.diagnosis.criteria import STANDARD
 
     simulator = system_of(plan.system).compile()
+    criteria = replace(STANDARD, spreads=replace(STANDARD.spreads, mass=LINKS))
     if plan.observe == "states":
-        return diagnose(recordings, simulator).to_dict()
-    return diagnose_images(recordings, simulator, encoders=plan.observe == "both", workers=workers).to_dict()
+        return diagnose(recordings, simulator, criteria=criteria).to_dict()
+    encoders = plan.observe == "both"
+    return diagnose_images(recordings, simulator, encoders=encoders, criteria=criteria, workers=workers).to_dict()
 
 
 def _fine_tune(model: WorldModel, recordings: Path, out: Path, seed: int) -> None:
