@@ -28,8 +28,8 @@ PROBES = 6
 """Episodes, other than those that are counted, of which the uncorrected agent must fail in more than half."""
 PROBE_SEED = 900_000
 LINKS = 0.02
-"""Spread of the logarithms of masses and lengths, which are those that the model was trained on. Were they as free as in a
-mechanism that nobody has measured, a weak motor on a single joint would look like a heavy link."""
+"""Spread of the logarithms of masses and lengths, which are those that the model was trained on. Were they free, as in
+a mechanism that nobody has measured, a weak motor on a single joint would look like a heavy link."""
 SCHEMA = "keycld.loop/1"
 
 
