@@ -34,6 +34,8 @@ SHARES = (0.0, 0.15, 0.4, 0.8)
 """Of the motors' range, of the commands of one run after the other; none is a release."""
 STEPS = 200
 """Frames per run."""
+NOISE = 1e-3
+"""Standard deviation of measured joint positions, rad or m; fits to positions without any have many optima."""
 
 
 class Brake:
@@ -102,4 +104,7 @@ def _run(env: KeyCLDEnv, brake: Brake, settings: CollectSettings, index: int) ->
     bound = float(env.action_space.high.max())
     own = replace(settings, policy="piecewise" if share else "release", action_range=share * bound or None)
     brake.reset()
-    return record_episode(env, own, index, brake if share else None)
+    recording = record_episode(env, own, index, brake if share else None)
+    assert recording.qpos is not None
+    rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index, 1)))
+    return replace(recording, qpos=recording.qpos + NOISE * rng.standard_normal(recording.qpos.shape), qvel=None)
