@@ -222,20 +222,7 @@ def _compile(
             action = jnp.where(memory.caught, action, pumping)
         return jnp.clip(action, low, high), memory
 
-    def ahead(x: Array, v: Array, memory: PumpState, outlook: Outlook) -> tuple[Array, PumpState]:
-        """What motors shall do once the command arrives: the law's answer to the state that is expected then."""
-
-        def frame(state: tuple[Array, Array, PumpState], then: tuple[Array, Array]) -> tuple[Any, Any]:
-            (x, v, memory), (k, queued) = state, then
-            low, high = (jnp.where(k < lead, queued, bound) for bound in (outlook.low, outlook.high))
-            chosen, memory = wanted(x, v, memory, low, high)
-            return (*project(plant, *advanced(plant, x, v, chosen)), memory), (chosen, memory)
-
-        if not lead.any():
-            return wanted(x, v, memory, jnp.asarray(outlook.low), jnp.asarray(outlook.high))
-        queued = jnp.concatenate([outlook.queued, outlook.queued[-1:]])
-        _, (chosen, memories) = jax.lax.scan(frame, (x, v, memory), (jnp.arange(len(queued)), queued))
-        return chosen[lead, jnp.arange(len(lead))], jax.tree.map(lambda a: a[0], memories)
+    ahead = _ahead(plant, lead, wanted)
 
     def decide(estimate: Estimate, memory: PumpState, trust: Trust, outlook: Outlook) -> Belief:
         x, v = estimate.x, estimate.v
@@ -260,3 +247,24 @@ def _compile(
         return decide(estimate, belief.pump, trust, outlook)
 
     return jax.jit(first), jax.jit(following)
+
+
+def _ahead(plant: Plant, lead: NDArray[np.intp], wanted: Callable[..., tuple[Array, PumpState]]) -> Callable[..., Any]:
+    """The law `wanted` for motors that are late by `lead` frames: it is asked in the states that are expected then."""
+
+    def ahead(x: Array, v: Array, memory: PumpState, outlook: Outlook) -> tuple[Array, PumpState]:
+        """What motors shall do once the command arrives: the law's answer to the state that is expected then."""
+
+        def frame(state: tuple[Array, Array, PumpState], then: tuple[Array, Array]) -> tuple[Any, Any]:
+            (x, v, memory), (k, queued) = state, then
+            low, high = (jnp.where(k < lead, queued, bound) for bound in (outlook.low, outlook.high))
+            chosen, memory = wanted(x, v, memory, low, high)
+            return (*project(plant, *advanced(plant, x, v, chosen)), memory), (chosen, memory)
+
+        if not lead.any():
+            return wanted(x, v, memory, jnp.asarray(outlook.low), jnp.asarray(outlook.high))
+        queued = jnp.concatenate([outlook.queued, outlook.queued[-1:]])
+        _, (chosen, memories) = jax.lax.scan(frame, (x, v, memory), (jnp.arange(len(queued)), queued))
+        return chosen[lead, jnp.arange(len(lead))], jax.tree.map(lambda a: a[0], memories)
+
+    return ahead

@@ -91,11 +91,8 @@ def close_the_loop(plan: LoopPlan, out: Path, workers: int = 1) -> dict[str, Any
         if plan.fine_tune:
             _fine_tune(model, out / "recordings", out / "fine_tuned", plan.conceal)
             arms["fine_tuned"] = {"weights": str(out / "fine_tuned")}
-        counts = {}
-        for arm, changes in arms.items():
-            settings = replace(base, effects=concealed, **changes)
-            path = out / "results" / f"{arm}.json"
-            counts[arm] = _kept(path, lambda s=settings: asdict(swing_up(s, plan.episodes, workers)))
+        base = replace(base, effects=concealed)
+        counts = {arm: _count(arm, replace(base, **changes), plan, out, workers) for arm, changes in arms.items()}
         result = {
             "schema": SCHEMA,
             **asdict(plan),
@@ -108,6 +105,11 @@ def close_the_loop(plan: LoopPlan, out: Path, workers: int = 1) -> dict[str, Any
         }
         write_json(out / "loop.json", result)
         return result
+
+
+def _count(arm: str, settings: LoopSettings, plan: LoopPlan, out: Path, workers: int) -> dict[str, Any]:
+    """What `swing_up` says of one column of the table."""
+    return _kept(out / "results" / f"{arm}.json", lambda: asdict(swing_up(settings, plan.episodes, workers)))
 
 
 def _kept(path: Path, make: Callable[[], Any], plan: LoopPlan | None = None) -> Any:
