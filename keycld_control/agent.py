@@ -11,10 +11,11 @@ from gymnasium import spaces
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
+from keycld_control.actuation import Actuation, Outlook
 from keycld_control.law import LAWS, Law
 from keycld_control.limits import action_bounds
 from keycld_control.observer import Estimate, choose, first_estimate, predicted
-from keycld_control.plant import LearnedModel, Plant, energy, responses
+from keycld_control.plant import LearnedModel, Plant, advanced, energy, project, responses
 from keycld_control.plausibility import Plausibility, expect, shows_mechanism
 from keycld_control.pumping import Pump, PumpState, first_pump_state, plan_pumping, pumping_action
 from keycld_control.targets import check_image, find_target, roughly
@@ -24,6 +25,8 @@ from keycld_envs.errors import InputError
 from keycld_model.camera import Camera, Restoration, restore, restored
 
 DEFAULT_KP, DEFAULT_KD = 40.0, 10.0
+ROBUST = 0.2
+"""Damping times the time until a command arrives, at most; the gains of agents with late motors are lowered to it."""
 GRACE, FADING = 0.2, 0.1
 """Seconds without a trusted image that the estimate runs on the model, and in which the action then fades to zero."""
 
@@ -65,7 +68,7 @@ class EnergyShapingAgent:
         model: a `keycld_model.WorldModel`.
         target_img: `[H, W, 3]`, the mechanism at its target as the camera sees it; uint8, or float in 0..1.
         kp: stiffness, 1/s^2.
-        kd: damping, 1/s.
+        kd: damping, 1/s. Where commands are late, both are lowered, with the same damping ratio.
         law: "turning" (every rod turns to its angle as a damped oscillator), "projected" (the paper's law on the
             constraint manifold), or "paper" (its formula to the letter); see `keycld_control.law`.
         action_space: the environment's action space. If neither this nor `action_limit` is given, actions stay within
@@ -103,7 +106,6 @@ class EnergyShapingAgent:
             if isinstance(gain, bool) or not isinstance(gain, Real) or not 0 < gain < np.inf:
                 raise InputError(f"{name} must be a positive finite number, got {short(gain)}.")
         bounds = action_bounds(model.system, model.mechanism.num_actions, action_space, action_limit)
-        low, high = jnp.asarray(bounds[0]), jnp.asarray(bounds[1])
         if not model.constrained:
             raise InputError(
                 "Energy shaping needs a model whose rods and sliders hold its masses, which this one's do not; train "
@@ -118,13 +120,17 @@ class EnergyShapingAgent:
         self._restoration = self.camera.restoration(self._drawn)
         target = find_target(model, restored(self._restoration, self._background, pixels))
         _check_actuation(plant, target)
+        self._actuation = Actuation(model.added, *bounds)
+        low, high = (jnp.asarray(bound, jnp.float32) for bound in (self._actuation.low, self._actuation.high))
         pump = None if law == "paper" else plan_pumping(plant, target, low, high)
         self.target: NDArray[np.float32] = np.asarray(target).reshape(-1, 2)
         self.target_energy = float(jax.jit(model.potential_energy_fn)(target))
         self.pivot: NDArray[np.float32] = np.asarray(model.pivot)
         self.pumps = pump is not None
+        late = kd * plant.timestep * float(self._actuation.lead.max())
+        slower = min(1.0, ROBUST / late) if late else 1.0
         self._first, self._next = _compile(
-            plant, model.keypoints_fn, known, target, float(kp), float(kd), law, pump, low, high
+            plant, model.keypoints_fn, known, target, kp * slower**2, kd * slower, law, pump, self._actuation.lead
         )
         self._belief: Belief | None = None
         self._image: NDArray[Any] | None = None
@@ -151,11 +157,12 @@ class EnergyShapingAgent:
         if self._belief is None or self._belief.trust.unseen >= self._lost_after:
             self.camera = Camera.find(self._background, image) or self._target_camera
             self._restoration = self.camera.restoration(self._drawn)
+        outlook = Outlook(*(part.astype(np.float32) for part in self._actuation.outlook()))
         if self._belief is None:
-            belief = self._first(image, self._restoration)
+            belief = self._first(image, self._restoration, outlook)
         else:
             repeated = self._image is not None and np.array_equal(self._image, image)
-            belief = self._next(self._belief, image, repeated, self._restoration)
+            belief = self._next(self._belief, image, repeated, self._restoration, outlook)
         action = np.asarray(belief.action)
         if not np.isfinite(action).all():
             raise InputError(
@@ -163,11 +170,12 @@ class EnergyShapingAgent:
                 "again."
             )
         self._belief, self._image = belief, np.array(image)
-        return action
+        return self._actuation.command(action).astype(np.float32)
 
     def reset(self) -> None:
         """Forget the past; call at the start of every episode."""
         self._belief = self._image = None
+        self._actuation.reset()
 
     @property
     def trusted(self) -> bool:
@@ -227,38 +235,64 @@ def _compile(
     kd: float,
     law: Law,
     pump: Pump | None,
-    low: Array,
-    high: Array,
-) -> tuple[Callable[[ArrayLike, Restoration], Belief], Callable[[Belief, ArrayLike, ArrayLike, Restoration], Belief]]:
+    lead: NDArray[np.intp],
+) -> tuple[Callable[..., Belief], Callable[..., Belief]]:
     """The agent's two programs: for the first image of an episode, and for every further one."""
     fading, lost = _fading(plant), _lost_after(plant)
 
-    def decide(estimate: Estimate, memory: PumpState, trust: Trust) -> Belief:
-        x, v = estimate.x, estimate.v
+    def wanted(x: Array, v: Array, memory: PumpState, low: Array, high: Array) -> tuple[Array, PumpState]:
         action = LAWS[law](plant, x, v, target, kp, kd, low, high)
         if pump is not None:
             memory, pumping = pumping_action(plant, pump, memory, x, v, target, kp, kd, low, high)
             action = jnp.where(memory.caught, action, pumping)
+        return jnp.clip(action, low, high), memory
+
+    ahead = _ahead(plant, lead, wanted)
+
+    def decide(estimate: Estimate, memory: PumpState, trust: Trust, outlook: Outlook) -> Belief:
+        x, v = estimate.x, estimate.v
+        action, memory = ahead(x, v, memory, outlook)
         weight = jnp.where(trust.beginning, 0.0, jnp.clip((lost - trust.unseen) / fading, 0.0, 1.0))
-        action = jnp.where(weight > 0, weight * jnp.clip(action, low, high), 0.0)
+        action = jnp.where(weight > 0, weight * action, 0.0)
         return Belief(estimate, action, memory, energy(plant, x, v), trust)
 
-    def first(image: ArrayLike, restoration: Restoration) -> Belief:
+    def first(image: ArrayLike, restoration: Restoration, outlook: Outlook) -> Belief:
         pixels = restore(restoration, known.background, jnp.asarray(image))
         keypoints = see(pixels)
         estimate = first_estimate(plant, keypoints)
         shown = shows_mechanism(plant, known, pixels, keypoints)
-        return decide(estimate, first_pump_state(), first_trust(estimate, jnp.where(shown, 0, lost)))
+        return decide(estimate, first_pump_state(), first_trust(estimate, jnp.where(shown, 0, lost)), outlook)
 
-    def following(belief: Belief, image: ArrayLike, repeated: ArrayLike, restoration: Restoration) -> Belief:
+    def following(
+        belief: Belief, image: ArrayLike, repeated: ArrayLike, restoration: Restoration, outlook: Outlook
+    ) -> Belief:
         pixels = restore(restoration, known.background, jnp.asarray(image))
         blind = belief.trust.unseen >= lost
-        keypoints = see(pixels)
+        keypoints, applied = see(pixels), jnp.asarray(outlook.applied)
         shown = shows_mechanism(plant, known, pixels, keypoints)
-        prior = choose(blind, belief.estimate, predicted(plant, belief.estimate, belief.action))
-        estimate, trust = judged(
-            plant, belief.trust, prior, belief.action, keypoints, shown, jnp.asarray(repeated), blind
-        )
-        return decide(estimate, belief.pump, trust)
+        prior = choose(blind, belief.estimate, predicted(plant, belief.estimate, applied))
+        estimate, trust = judged(plant, belief.trust, prior, applied, keypoints, shown, jnp.asarray(repeated), blind)
+        return decide(estimate, belief.pump, trust, outlook)
 
     return jax.jit(first), jax.jit(following)
+
+
+def _ahead(plant: Plant, lead: NDArray[np.intp], wanted: Callable[..., tuple[Array, PumpState]]) -> Callable[..., Any]:
+    """The law `wanted` for motors that are late by `lead` frames: it is asked in the states that are expected then."""
+
+    def ahead(x: Array, v: Array, memory: PumpState, outlook: Outlook) -> tuple[Array, PumpState]:
+        """What motors shall do once the command arrives: the law's answer to the state that is expected then."""
+
+        def frame(state: tuple[Array, Array, PumpState], then: tuple[Array, Array]) -> tuple[Any, Any]:
+            (x, v, memory), (k, queued) = state, then
+            low, high = (jnp.where(k < lead, queued, bound) for bound in (outlook.low, outlook.high))
+            chosen, memory = wanted(x, v, memory, low, high)
+            return (*project(plant, *advanced(plant, x, v, chosen)), memory), (chosen, memory)
+
+        if not lead.any():
+            return wanted(x, v, memory, jnp.asarray(outlook.low), jnp.asarray(outlook.high))
+        queued = jnp.concatenate([outlook.queued, outlook.queued[-1:]])
+        _, (chosen, memories) = jax.lax.scan(frame, (x, v, memory), (jnp.arange(len(queued)), queued))
+        return chosen[lead, jnp.arange(len(lead))], jax.tree.map(lambda a: a[0], memories)
+
+    return ahead

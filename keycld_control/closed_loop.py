@@ -14,6 +14,7 @@ from keycld_control.agent import DEFAULT_KD, DEFAULT_KP, EnergyShapingAgent
 from keycld_control.law import Law
 from keycld_envs import InputError, KeyCLDEnv, resolve_env_id
 from keycld_envs.disturbance import Disturbance
+from keycld_envs.effects import Effect
 from keycld_envs.registration import same_system
 from keycld_envs.success import SuccessMonitor
 from keycld_envs.systems import Start
@@ -38,6 +39,8 @@ class LoopSettings:
         law: control law, see `EnergyShapingAgent`.
         disturbance: how the camera differs from the one that the model was trained on; None not at all.
         clean_target: the target image is of the camera that the model was trained on, nevertheless.
+        effects: physics of the environment that the model has not learned.
+        corrections: physics that the agent is told of; in place of what its checkpoint has, if there are any.
     """
 
     system: str
@@ -50,6 +53,8 @@ class LoopSettings:
     law: Law = "turning"
     disturbance: Disturbance | None = None
     clean_target: bool = False
+    effects: tuple[Effect, ...] = ()
+    corrections: tuple[Effect, ...] = ()
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -106,6 +111,7 @@ def make_loop(settings: LoopSettings) -> Iterator[Loop]:
         disable_env_checker=True,
         start=settings.start,
         action_limit=settings.action_limit,
+        effects=settings.effects,
         width=width,
         height=height,
         disturbance=None if settings.clean_target else settings.disturbance,
@@ -116,7 +122,7 @@ def make_loop(settings: LoopSettings) -> Iterator[Loop]:
     with closing(bare):
         _check_system(model, bare, env_id)
         agent = EnergyShapingAgent(
-            model,
+            model.with_effects(settings.corrections) if settings.corrections else model,
             bare.render_qpos(bare.system.target_qpos),
             settings.kp,
             settings.kd,

@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from keycld_control.plant import Plant, Response, responses
+from keycld_control.plant import Plant, Response, beyond_friction, responses
 from keycld_control.skeleton import centripetal_acceleration, turning_error
-from keycld_model.numerics import solve_positive_definite
+from keycld_model.numerics import bounded_minimum, solve_positive_definite
 
 Law = Literal["turning", "projected", "paper"]
 REFERENCE_SPEED = 2.0
@@ -47,7 +47,8 @@ def turning_action(
         `[m]` action within the bounds.
     """
     moving, _ = responses(plant, x, v)
-    return nearest_action(moving, turning_acceleration(plant, x, v, target, kp, kd), low, high)
+    wanted = turning_acceleration(plant, x, v, target, kp, kd)
+    return nearest_action(moving, beyond_friction(plant, x, v, wanted), low, high)
 
 
 def projected_action(
@@ -60,7 +61,7 @@ def projected_action(
     hanging straight down. Arguments and result as in `turning_action`.
     """
     _, resting = responses(plant, x, v)
-    return nearest_action(resting, -kp * (x - target) - kd * v, low, high)
+    return nearest_action(resting, beyond_friction(plant, x, v, -kp * (x - target) - kd * v), low, high)
 
 
 def paper_action(
@@ -106,15 +107,7 @@ def nearest_action(response: Response, wanted: Array, low: Array, high: Array) -
     Returns:
         `[m]`.
     """
-    gram, demand = response.gram, response.demand(wanted)
-    size = len(demand)
-    start = jnp.clip(solve_positive_definite(gram, demand), low, high)  # the solution if no bound binds
-    u = [start[i] for i in range(size)]
-    for _ in range(4 * size**2 if size > 1 else 0):  # ample for a handful of actions
-        for i in range(size):
-            others = sum((gram[i, j] * u[j] for j in range(size) if j != i), start=jnp.zeros_like(demand[i]))
-            u[i] = jnp.clip((demand[i] - others) / gram[i, i], low[i], high[i])
-    return jnp.stack(u)
+    return bounded_minimum(response.gram, response.demand(wanted), low, high)
 
 
 LAWS = {"turning": turning_action, "projected": projected_action, "paper": paper_action}

@@ -12,8 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from keycld_control.plant import Plant, acceleration, project
-from keycld_model.numerics import rk4_step
+from keycld_control.plant import Plant, advanced, project
 
 KEYPOINT_NOISE = 0.004
 """Standard deviation of the encoder's keypoints, image units."""
@@ -48,7 +47,7 @@ def first_estimate(plant: Plant, keypoints: Array) -> Estimate:
 def predicted(plant: Plant, estimate: Estimate, action: Array) -> Estimate:
     """What is known one frame later, under the action `[m]`, before anything is seen."""
     h = plant.timestep
-    x, v = rk4_step(lambda x, v: acceleration(plant, x, v, action), estimate.x, estimate.v, h)
+    x, v = advanced(plant, estimate.x, estimate.v, action)
     p, c, s = estimate.covariance
     q = ACCELERATION_NOISE**2
     covariance = jnp.stack([p + 2 * h * c + h**2 * s + q * h**4 / 4, c + h * s + q * h**3 / 2, s + q * h**2])

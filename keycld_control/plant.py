@@ -10,6 +10,8 @@ from jax import Array
 
 from keycld_envs.mechanism import Mechanism
 from keycld_model import physics
+from keycld_model.added_effects import AddedEffects
+from keycld_model.numerics import rk4_step
 
 
 class LearnedModel(Protocol):
@@ -28,6 +30,7 @@ class LearnedModel(Protocol):
         render_fn: positions `[n]` to image `[H, W, 3]`, float in 0 to 1.
         potential_energy_fn: positions `[n]` to V (scalar).
         input_matrix_fn: positions `[n]` to g `[n, m]`.
+        added: `AddedEffects`, physics beside what was learned, or None; V has gravity's.
     """
 
     @property
@@ -54,6 +57,8 @@ class LearnedModel(Protocol):
     def potential_energy_fn(self) -> Callable[[Array], Array]: ...  # noqa: D102
     @property
     def input_matrix_fn(self) -> Callable[[Array], Array]: ...  # noqa: D102
+    @property
+    def added(self) -> Any: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +72,7 @@ class Plant:
     timestep: float
     potential_energy: Callable[[Array], Array]
     input_matrix: Callable[[Array], Array]
+    added: AddedEffects | None = None
 
     @classmethod
     def of(cls, model: LearnedModel) -> "Plant":
@@ -79,7 +85,13 @@ class Plant:
             model.timestep,
             model.potential_energy_fn,
             model.input_matrix_fn,
+            model.added,
         )
+
+    def force(self, x: Array, v: Array) -> Array:
+        """`[n]` of what acts beside motors, constraints, and dry friction."""
+        learned = -jax.grad(self.potential_energy)(x)
+        return learned if self.added is None else learned + self.added.force(x, v)
 
 
 class Response(NamedTuple):
@@ -116,7 +128,6 @@ def responses(plant: Plant, x: Array, v: Array) -> tuple[Response, Response]:
         x: `[n]` positions on the manifold.
         v: `[n]` velocities.
     """
-    force = -jax.grad(plant.potential_energy)(x)
     rest = jnp.zeros_like(v)
 
     def accelerate(force: Array, v: Array) -> Array:
@@ -124,13 +135,31 @@ def responses(plant: Plant, x: Array, v: Array) -> tuple[Response, Response]:
 
     inputs = jax.vmap(accelerate, (1, None), 1)(plant.input_matrix(x), rest)
     weight = jnp.repeat(plant.masses, 2)
-    return Response(accelerate(force, v), inputs, weight), Response(accelerate(force, rest), inputs, weight)
+    moving, resting = (Response(accelerate(plant.force(x, w), w), inputs, weight) for w in (v, rest))
+    return moving, resting
 
 
 def acceleration(plant: Plant, x: Array, v: Array, u: Array) -> Array:
-    """Acceleration x'' `[n]` under the action u `[m]`."""
-    force = plant.input_matrix(x) @ u - jax.grad(plant.potential_energy)(x)
+    """Acceleration x'' `[n]` under the action u `[m]`, without dry friction."""
+    force = plant.input_matrix(x) @ u + plant.force(x, v)
     return physics.acceleration(plant.mechanism, plant.masses, force, x, v, plant.pivot)
+
+
+def advanced(plant: Plant, x: Array, v: Array, u: Array) -> tuple[Array, Array]:
+    """Positions and velocities `[n]` a frame later, under the action u `[m]`."""
+    x, v = rk4_step(lambda x, v: acceleration(plant, x, v, u), x, v, plant.timestep)
+    return (x, v) if plant.added is None else plant.added.slowed(x, v, plant.timestep)
+
+
+def beyond_friction(plant: Plant, x: Array, v: Array, wanted: Array) -> Array:
+    """What acceleration to ask of the motors, `[n]`, so that in spite of dry friction the wanted one `[n]` comes about.
+
+    Friction is that of the motion as it will be after a frame with the wanted acceleration, so that it is overcome from
+    rest, too.
+    """
+    if plant.added is None:
+        return wanted
+    return wanted - plant.added.against_friction(x, v + plant.timestep * wanted)
 
 
 def project(plant: Plant, x: Array, v: Array, iterations: int = 1) -> tuple[Array, Array]:

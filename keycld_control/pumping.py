@@ -16,7 +16,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from keycld_control.law import nearest_action, turning_acceleration, unbounded_action
-from keycld_control.plant import Plant, energy, project, responses
+from keycld_control.plant import Plant, beyond_friction, energy, project, responses
 from keycld_control.skeleton import turned
 
 MARGIN = 0.95
@@ -157,7 +157,8 @@ def pumping_action(
         return jnp.all((u <= share * high) & (u >= share * low))
 
     holding = unbounded_action(resting, jnp.zeros_like(x))
-    catching = unbounded_action(moving, turning_acceleration(plant, x, v, target, kp, kd))
+    wanted = turning_acceleration(plant, x, v, target, kp, kd)
+    catching = unbounded_action(moving, beyond_friction(plant, x, v, wanted))
     caught = jnp.where(state.caught, within(holding, RELEASE), within(catching, 1.0))
 
     distance = jnp.sum(moving.weight * (pump.curve - x) ** 2, axis=1)
@@ -167,7 +168,5 @@ def pumping_action(
     push = jnp.clip((pump.energy - energy(plant, x, v)) / (BAND * pump.span), -1.0, 1.0) * direction
     action = push * jnp.where(push > 0, high[pump.actuator], -low[pump.actuator])
     only = jnp.arange(len(low)) == pump.actuator
-    return (
-        PumpState(caught, direction),
-        nearest_action(moving, shape, jnp.where(only, action, low), jnp.where(only, action, high)),
-    )
+    low, high = jnp.where(only, action, low), jnp.where(only, action, high)
+    return PumpState(caught, direction), nearest_action(moving, beyond_friction(plant, x, v, shape), low, high)

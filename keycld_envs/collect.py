@@ -4,7 +4,7 @@ import functools
 import json
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
+from numpy.typing import NDArray
 
 from keycld_envs import __version__
 from keycld_envs.checks import check_number, check_size, check_whole
@@ -30,6 +31,8 @@ from keycld_envs.workers import map_in_processes
 
 PAPER_ACTION_RANGE = 3.0
 SETTINGS_FILE = "collect.json"
+Guard = Callable[[NDArray[np.float32], NDArray[np.uint8]], NDArray[np.float32]]
+"""(action `[m]` that is about to be taken, last frame) -> action to take instead."""
 
 
 @dataclass(frozen=True)
@@ -145,24 +148,27 @@ def episode_id(index: int) -> str:
     return f"episode-{index:05d}"
 
 
-def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int) -> Recording:
+def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int, guard: Guard | None = None) -> Recording:
     """Run and film one episode; the same arguments give the same recording.
 
     Args:
-        env: an environment made by `make_env` from the same settings.
+        env: an environment made by `make_env` from the same settings, or the same with effects.
         settings: what to record.
         index: number of the episode, from 0.
+        guard: may overrule actions.
     """
     rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index,)))
     qpos, _ = env.system.sample_start("random", rng)
     qvel = rng.uniform(-settings.velocity, settings.velocity, env.model.nv)
     low, high = env.action_space.low.astype(float), env.action_space.high.astype(float)  # pyright: ignore
-    if settings.action_range is None:
-        low, high = np.maximum(low, -PAPER_ACTION_RANGE), np.minimum(high, PAPER_ACTION_RANGE)
+    bound = PAPER_ACTION_RANGE if settings.action_range is None else settings.action_range
+    low, high = np.maximum(low, -bound), np.minimum(high, bound)
     actions = get_policy(settings.policy)(rng, settings.steps - 1, low, high).astype(np.float32)
     frame, info = env.reset(seed=0, options={"qpos": qpos, "qvel": qvel})
     frames, qpos_log, qvel_log = [frame], [info["qpos"]], [info["qvel"]]
     for action in actions:
+        if guard is not None:
+            action[:] = guard(action, frames[-1])
         frame, _, _, _, info = env.step(action)
         frames.append(frame)
         qpos_log.append(info["qpos"])

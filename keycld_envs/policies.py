@@ -37,7 +37,14 @@ def piecewise(
     return np.concatenate(segments)[:steps]
 
 
-POLICIES: dict[str, Policy] = {"constant": constant, "piecewise": piecewise}
+def release(
+    rng: np.random.Generator, steps: int, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """No action: the mechanism is let go where it is."""
+    return np.zeros((steps, len(low)))
+
+
+POLICIES: dict[str, Policy] = {"constant": constant, "piecewise": piecewise, "release": release}
 
 
 def get_policy(name: str) -> Policy:

@@ -9,7 +9,10 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
+from keycld_model.added_effects import AddedEffects
 from keycld_model.config import ModelConfig
+from keycld_model.dynamics import Dynamics
+from keycld_model.dynamics_with_effects import DynamicsWithEffects
 from keycld_model.modules import Parameters, Parts, as_float
 from keycld_model.state_estimation import estimate_state, refine_state
 
@@ -21,10 +24,11 @@ class CompiledModel:
 
     Args:
         config: the architecture.
+        added: effects beside it, for one set of parameters.
     """
 
-    def __init__(self, config: ModelConfig) -> None:
-        self.parts = Parts(config)
+    def __init__(self, config: ModelConfig, added: AddedEffects | None = None) -> None:
+        self.parts, self.added = Parts(config), added
 
     def keypoints(self, parameters: Parameters, images: NDArray[Any]) -> Floats:
         """Keypoints [..., K, 2] of images [..., H, W, 3], uint8 or float in 0 to 1."""
@@ -64,7 +68,7 @@ class CompiledModel:
     def _of_positions(self) -> dict[str, Callable[[Parameters, ArrayLike], Array]]:
         of, lagrangian = self.parts.dynamics, self.parts.lagrangian
         functions = {
-            "potential_energy": lambda p, x: jax.vmap(lagrangian(p).potential_energy)(x),
+            "potential_energy": lambda p, x: jax.vmap(self._potential_energy(p))(x),
             "input_matrix": lambda p, x: jax.vmap(lagrangian(p).input_matrix)(x),
             "constraint": lambda p, x: jax.vmap(of(p).constraint)(x) - p["dynamics"]["level"],
             "render": self.parts.render,
@@ -76,7 +80,7 @@ class CompiledModel:
         h = self.parts.config.timestep
 
         def one(parameters: Parameters, frames: Array, u: Array, refine: bool) -> tuple[Array, Array]:
-            dynamics, first = self.parts.dynamics(parameters), u[: frames.shape[0] - 1]
+            dynamics, first = self._dynamics(parameters), u[: frames.shape[0] - 1]
             keypoints = self.parts.keypoints(parameters, frames)
             state = estimate_state(dynamics, keypoints, first, h, fine=True)
             if refine:
@@ -85,6 +89,15 @@ class CompiledModel:
             return dynamics.rollout(*state, u, h, fine=True)
 
         return {refine: jax.jit(partial(one, refine=refine)) for refine in (False, True)}
+
+    def _dynamics(self, parameters: Parameters) -> Dynamics:
+        if self.added is None:
+            return self.parts.dynamics(parameters)
+        return DynamicsWithEffects(self.parts.lagrangian(parameters), self.added)
+
+    def _potential_energy(self, parameters: Parameters) -> Callable[[Array], Array]:
+        learned, added = self.parts.lagrangian(parameters).potential_energy, self.added
+        return learned if added is None else lambda x: learned(x) + added.potential_energy(x)
 
 
 def _in_chunks(function: Callable[[NDArray[Any]], Array], array: NDArray[Any], chunk: int = 64) -> Floats:

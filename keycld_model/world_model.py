@@ -1,23 +1,21 @@
 """`WorldModel`: keypoints, constrained Lagrangian and renderer, ready to use."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
+from keycld_envs.effects import Effect
+from keycld_envs.effects.stored import effect_to_json, effects_from_json
 from keycld_envs.errors import InputError
-from keycld_envs.mechanism import Mechanism
 from keycld_model.arrays import actions_of, images_of, keypoints_of, sequences_of
 from keycld_model.checkpoint import write_checkpoint
-from keycld_model.compiled import CompiledModel
-from keycld_model.config import ModelConfig
-from keycld_model.modules import Parameters, Parts
+from keycld_model.learned_system import LearnedSystem
+from keycld_model.modules import Parameters
 from keycld_model.physics import mass_matrix
 from keycld_model.stored import find_model, read_model
 
@@ -42,23 +40,12 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
-class WorldModel:
+class WorldModel(LearnedSystem):
     """A learned world model of one mechanism.
 
     Positions are in image units: pixel centres span -1 to 1, x to the right, y up. Time is in seconds. Forces and
     energies are per total mass: sum(masses) = 1 fixes the scale that motion alone leaves open.
-
-    Attributes:
-        config: architecture, mechanism, seconds between frames, image size.
-        parameters: nested dictionary of arrays.
-        name: where the model came from: a shipped name or a path.
-        meta: what the checkpoint says about its training.
     """
-
-    config: ModelConfig
-    parameters: Parameters
-    name: str = "untitled"
-    meta: dict[str, Any] | None = None
 
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> "WorldModel":
@@ -71,87 +58,40 @@ class WorldModel:
             InputError: if there is no such model, or it is damaged or of another version.
         """
         config, parameters, meta = read_model(find_model(os.fspath(source)))
-        return cls(config, parameters, os.fspath(source), meta)
+        effects = effects_from_json(meta.get("effects", []), f"{source}: effects")
+        return cls(config, parameters, os.fspath(source), meta, effects)
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write a checkpoint (safetensors and JSON) that `load` reads."""
-        meta = {k: v for k, v in (self.meta or {}).items() if k not in ("schema", "sha256", "versions", "config")}
+        meta = {
+            k: v for k, v in (self.meta or {}).items() if k not in ("schema", "sha256", "versions", "config", "effects")
+        }
+        if self.effects:
+            meta["effects"] = [effect_to_json(effect) for effect in self.effects]
         return write_checkpoint(folder, {"model": self.parameters}, {"config": self.config.to_dict(), **meta})
 
     def with_parameters(self, parameters: Parameters) -> "WorldModel":
         """The same architecture with other parameters, sharing what is compiled already."""
         other = replace(self, parameters=parameters)
-        other.__dict__["_compiled"] = self._compiled
+        if not self.effects:  # which are reckoned for these parameters
+            other.__dict__["_compiled"] = self._compiled
         return other
 
-    # What the model is of -------------------------------------------------------------------------------------------
+    def with_effects(self, effects: Sequence[Effect]) -> "WorldModel":
+        """The same model with physics that it has not learned, in place of any that it had been given.
 
-    @property
-    def system(self) -> str | None:
-        """Environment id the model was trained on, or None."""
-        return self.config.system
+        Predictions, agents and checkpoints have it; weights stay as they are.
 
-    @property
-    def mechanism(self) -> Mechanism:
-        """Keypoints, rods and sliders."""
-        return self.config.mechanism
+        Args:
+            effects: of `keycld_envs.effects`: friction, springs and constant forces at joints, gain, saturation, dead
+                zone, lag and delay of motors, tilt of gravity.
 
-    @property
-    def constrained(self) -> bool:
-        """Rods and sliders hold the masses; in KeyCLD-NC and NODE2 nothing does."""
-        return self.config.networks.motion == "constrained"
-
-    @property
-    def timestep(self) -> float:
-        """Seconds between frames."""
-        return self.config.timestep
-
-    @property
-    def image_shape(self) -> tuple[int, int]:
-        """(H, W), pixels."""
-        return self.config.image_shape
-
-    @cached_property
-    def masses(self) -> Floats:
-        """[K] point masses, fractions of the total."""
-        return np.asarray(self.parts.lagrangian(self.parameters).masses)
-
-    @cached_property
-    def level(self) -> Floats:
-        """[c] constants of the constraints: half squared rod lengths, slider offsets; image units."""
-        return np.asarray(self.parameters["dynamics"]["level"])
-
-    @cached_property
-    def pivot(self) -> Floats:
-        """[2] position of the fixed pivot, image units."""
-        return np.asarray(self.parameters["dynamics"]["pivot"])
-
-    # Pure functions of one frame or state, to be traced into larger programs ----------------------------------------
-
-    @cached_property
-    def _compiled(self) -> CompiledModel:
-        return CompiledModel(self.config)
-
-    @property
-    def parts(self) -> Parts:
-        """The modules, to be applied to `parameters`."""
-        return self._compiled.parts
-
-    def keypoints_fn(self, image: Array) -> Array:
-        """Keypoints `[n]` of one image `[H, W, 3]`, uint8 or float in 0 to 1. JAX-traceable."""
-        return self.parts.keypoints(self.parameters, image[None])[0]
-
-    def potential_energy_fn(self, x: Array) -> Array:
-        """V (scalar) of positions `[n]`. JAX-traceable."""
-        return self.parts.lagrangian(self.parameters).potential_energy(x)
-
-    def input_matrix_fn(self, x: Array) -> Array:
-        """g `[n, m]` of positions `[n]`. JAX-traceable."""
-        return self.parts.lagrangian(self.parameters).input_matrix(x)
-
-    def render_fn(self, x: Array) -> Array:
-        """Image `[H, W, 3]` in 0 to 1 of positions `[n]`. JAX-traceable."""
-        return self.parts.render(self.parameters, x[None])[0]
+        Raises:
+            InputError: if there is another effect, or one at no place of the system, or the model has no constraints.
+        """
+        other = replace(self, effects=tuple(effects))
+        _ = other.added
+        return other
 
     # The same for arrays with any leading dimensions ----------------------------------------------------------------
 
@@ -233,6 +173,8 @@ class WorldModel:
             InputError: if the arrays do not fit together or the model, or hold NaN.
         """
         frames, u = sequences_of(images, actions, self.image_shape, self.mechanism.num_actions)
+        if self.added is not None:
+            u = np.stack([self.added.at_motors(one) for one in u]).astype(np.float32)
         states = [self._compiled.rollout(self.parameters, z, a, refine) for z, a in zip(frames, u, strict=True)]
         shape = (len(frames), u.shape[1] + 1, self.mechanism.num_keypoints, 2)
         x, v = (np.stack([np.asarray(s[i]) for s in states]).reshape(shape) for i in (0, 1))

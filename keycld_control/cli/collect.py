@@ -18,7 +18,7 @@ class Args:
         out: Folder of the data set.
         episodes: Number of recordings.
         steps: Frames per recording.
-        policy: Excitation: "constant" (the paper's) or "piecewise" (piecewise constant).
+        policy: Excitation: "constant" (the paper's), "piecewise" (piecewise constant), or "release" (none).
         action_range: Actions are drawn within ± this bound; by default ±3, or the system's limits if tighter.
         velocity: Initial joint velocities are uniform within ± this bound.
         width: Frame width in pixels.

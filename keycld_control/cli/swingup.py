@@ -2,11 +2,14 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional, UseAppendAction
 
 from keycld_control.cli._output import print_result
+
+if TYPE_CHECKING:
+    from keycld_envs.effects import Effect
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,7 @@ class Args:
             shift=2,-1 (pixels to the right, up), zoom=1.02, roll=0.02 (rad), brightness=0.7 or brightness=1,0.9,0.8
             (red, green, blue), offset=10 (grey levels), blur=0.7 (pixels), noise=10 (grey levels), jpeg=80 (quality).
         clean_target: The target image is undisturbed.
+        corrections: report.json of `keycld diagnose`; the agent makes up for what it found.
         video: Write a clip of the whole first episode (.mp4 or .gif).
         workers: Number of processes; the result does not depend on it.
         seed: Seed of the first episode; the following ones count up.
@@ -42,6 +46,7 @@ class Args:
     kd: float = 10.0
     disturb: UseAppendAction[tuple[str, ...]] = ()
     clean_target: bool = False
+    corrections: Path | None = None
     video: Path | None = None
     workers: int = 1
     seed: int = 0
@@ -68,6 +73,7 @@ def run(args: Args) -> None:
         law=args.law,
         disturbance=Disturbance.parse(words) if words else None,
         clean_target=args.clean_target,
+        corrections=() if args.corrections is None else _corrections(args.corrections),
     )
     if args.video is not None:
         check_clip_path(args.video)
@@ -75,3 +81,19 @@ def run(args: Args) -> None:
     if args.video is not None:
         film(settings, args.video)
     print_result(asdict(result), as_json=args.json)
+
+
+def _corrections(path: Path) -> "tuple[Effect, ...]":
+    """What a diagnosis found that a world model can be given."""
+    from keycld_control.correction.corrections import corrections_of
+    from keycld_envs.errors import InputError
+    from keycld_envs.reading import read_json
+
+    try:
+        report = read_json(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--corrections: {path} cannot be read ({error}); name a report.json.") from error
+    effects, left = corrections_of(report, str(path))
+    if left:
+        raise InputError(f"--corrections: {path} has {', '.join(left)}, which agents cannot make up for; remove it.")
+    return effects

@@ -22,7 +22,7 @@ from keycld_envs.recordings import Dataset
 from keycld_model.checkpoint import check_same_run, read_checkpoint, write_checkpoint
 from keycld_model.config import ModelConfig
 from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, valid_frames
-from keycld_model.modules import Parts
+from keycld_model.modules import Parameters, Parts
 from keycld_model.training import log
 from keycld_model.training.data import TrainingData
 from keycld_model.training.presets import PRESETS, Preset
@@ -74,6 +74,7 @@ def train(
     seed: int = 0,
     validation: float = 0.1,
     watchers: Sequence[Watcher] = (),
+    start: Parameters | None = None,
 ) -> TrainingResult:
     """Train a world model; a run that was interrupted continues where it stopped, with the same result.
 
@@ -85,6 +86,7 @@ def train(
         seed: seed of initialisation and batches.
         validation: fraction of recordings held out.
         watchers: told of every line of the log and every checkpoint.
+        start: parameters to begin with, of a model that is to be tuned; its masses lie at its keypoints.
 
     Returns:
         The trained model and its score.
@@ -113,7 +115,7 @@ def train(
         "validation": validation,
         "data": _origin(dataset),
     }
-    run = _Run(Path(out), Parts(config), recipe, data, test, seed, json.loads(json.dumps(meta)), watchers)
+    run = _Run(Path(out), Parts(config), recipe, data, test, seed, json.loads(json.dumps(meta)), watchers, start)
     return run.finish()
 
 
@@ -165,6 +167,7 @@ class _Run:
     seed: int
     meta: dict[str, Any]
     watchers: Sequence[Watcher] = ()
+    start: Parameters | None = None
     devices: Devices = field(default_factory=Devices)
 
     def finish(self) -> TrainingResult:
@@ -215,7 +218,7 @@ class _Run:
             self.folder.mkdir(parents=True, exist_ok=True)
             if self.devices.first:
                 (self.folder / log.NAME).unlink(missing_ok=True)
-            return 0, 0, 0.0, jax.tree.map(jnp.asarray, self.parts.initial(self.seed)), None
+            return 0, 0, 0.0, jax.tree.map(jnp.asarray, self._first()), None
         tensors, meta = read_checkpoint(self.folder / STATE)
         check_same_run(self.folder, meta, self.meta)
         stage, done = meta.get("stage", -1), meta.get("done", -1)
@@ -229,6 +232,13 @@ class _Run:
             log.rewind(self.folder, meta["step"])
         variables = jax.tree.map(jnp.asarray, tensors["variables"])
         return int(stage), int(done), meta["seconds"], variables, tensors.get("optimiser")
+
+    def _first(self) -> Variables:
+        """What training starts from."""
+        if self.start is None:
+            return self.parts.initial(self.seed)
+        there = np.zeros(self.parts.config.mechanism.num_keypoints, np.float32)
+        return {**self.start, **dict.fromkeys(PLACES, there)}
 
     def _log(self, entry: dict[str, Any]) -> None:
         if self.devices.first:

@@ -52,6 +52,16 @@ DEFAULT = Preset(
     about="in stages; minutes on two CPU cores",
 )
 
+FINE_TUNING = Preset(
+    NetworkConfig(),
+    (
+        FitTrajectories(portion=0.5, restart=True, slide=False, identify=10, sparse=True),
+        FitTrajectories(steps=500, learning_rate=1e-3, slide=False, identify=10, sparse=True),
+    ),
+    about="goes on with the dynamics of a trained model",
+)
+"""For `train(..., start=...)`; not among `PRESETS`, which start from nothing."""
+
 JOINT = Joint(steps=45_000, batch=1, learning_rate=3e-4)
 """The paper's table 2."""
 

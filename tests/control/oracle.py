@@ -36,6 +36,7 @@ class Oracle:
     keypoints_fn: Callable[[Array], Array]
     render_fn: Callable[[Array], Array]
     constrained: bool = True
+    added: Any = None
 
 
 class OracleEnv(KeyCLDEnv):
