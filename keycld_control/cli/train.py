@@ -2,10 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
 from keycld_control.cli._output import print_result
+
+if TYPE_CHECKING:
+    from keycld_envs import Mechanism
 
 
 @dataclass(frozen=True)
@@ -13,8 +17,8 @@ class Args:
     """Train a world model. Run again with the same settings, it continues where it stopped.
 
     Attributes:
-        system: Short name (`keycld systems` lists them), environment id, module:id of your own, or a JSON file with a
-            mechanism's declaration for recordings of a camera.
+        system: Short name (`keycld systems` lists them), environment id, module:id of your own, a Python file that
+            declares a system or a mechanism (`keycld new` writes one), or a JSON file with a mechanism's declaration.
         data: Folder of recordings.
         out: Folder for the checkpoint and the log.
         preset: Recipe; `keycld presets` lists them.
@@ -34,10 +38,7 @@ class Args:
 
 def run(args: Args) -> None:
     """Train and print the summary."""
-    from keycld_envs import resolve_env_id, system_of
     from keycld_envs.errors import InputError
-    from keycld_envs.mechanism import Mechanism
-    from keycld_envs.reading import read_json
     from keycld_envs.recordings import read_dataset
     from keycld_envs.registration import same_system
     from keycld_model.config import ModelConfig
@@ -45,15 +46,7 @@ def run(args: Args) -> None:
 
     if args.preset not in PRESETS:
         raise InputError(f"There is no preset {args.preset!r}; there are {', '.join(PRESETS)}.")
-    if args.system.endswith(".json"):
-        try:
-            mechanism = Mechanism.from_dict(read_json(args.system))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{args.system} is no readable mechanism declaration: {error}") from error
-        name = None
-    else:
-        name = resolve_env_id(args.system)
-        mechanism = system_of(name).mechanism
+    name, mechanism = _declared(args.system)
     dataset = read_dataset(args.data)
     if name is not None and dataset.system is not None and not same_system(dataset.system, name):
         raise InputError(f"{args.data} records {dataset.system}, not {name}; name the system that was recorded.")
@@ -68,3 +61,21 @@ def run(args: Args) -> None:
         "seed": args.seed,
     }
     print_result(summary, as_json=args.json)
+
+
+def _declared(system: str) -> "tuple[str | None, Mechanism]":
+    """Environment, if there is one, and mechanism that a word on the command line means."""
+    from keycld_envs import Mechanism, System, resolve_env_id, system_of
+    from keycld_envs.errors import InputError
+    from keycld_envs.mechanism_file import is_mechanism_file, read_mechanism_file
+    from keycld_envs.reading import read_json
+
+    if system.endswith(".json"):
+        try:
+            return None, Mechanism.from_dict(read_json(system))
+        except (OSError, ValueError) as error:
+            raise InputError(f"{system} is no readable mechanism declaration: {error}") from error
+    if is_mechanism_file(system) and not isinstance(found := read_mechanism_file(system), System):
+        return None, found
+    name = resolve_env_id(system)
+    return name, system_of(name).mechanism
