@@ -35,7 +35,9 @@ def read_mechanism_file(path: str | os.PathLike[str]) -> System | Mechanism:
     """
     path = Path(path)
     if not is_mechanism_file(path) or not path.is_file():
-        raise InputError(f"{path} is no Python file; name one that declares a mechanism, `keycld new my_arm` writes one.")
+        raise InputError(
+            f"{path} is no Python file; name one that declares a mechanism, `keycld new my_arm` writes one."
+        )
     about = path.stat()
     return _read(path, path.resolve(), about.st_mtime_ns, about.st_size)
 

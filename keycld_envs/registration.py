@@ -150,9 +150,7 @@ def _of_file(path: Path) -> str:
     if re.fullmatch(r"[A-Za-z0-9_.-]+", path.name) is None:
         raise InputError(f"The file name {path.name!r} cannot be an id; use letters, digits, '_', '-' and '.' alone.")
     gym.registry.pop(path.name, None)
-    gym.register(
-        path.name, entry_point=_ENTRY_POINT, max_episode_steps=MAX_EPISODE_STEPS, kwargs={"system": system}
-    )
+    gym.register(path.name, entry_point=_ENTRY_POINT, max_episode_steps=MAX_EPISODE_STEPS, kwargs={"system": system})
     return path.as_posix()
 
 

@@ -2,14 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
 from keycld_control.cli._output import print_result
-
-if TYPE_CHECKING:
-    from keycld_envs import Mechanism
 
 
 @dataclass(frozen=True)
@@ -38,6 +34,7 @@ class Args:
 
 def run(args: Args) -> None:
     """Train and print the summary."""
+    from keycld_control.cli._declared import declared
     from keycld_envs.errors import InputError
     from keycld_envs.recordings import read_dataset
     from keycld_envs.registration import same_system
@@ -46,7 +43,7 @@ def run(args: Args) -> None:
 
     if args.preset not in PRESETS:
         raise InputError(f"There is no preset {args.preset!r}; there are {', '.join(PRESETS)}.")
-    name, mechanism = _declared(args.system)
+    name, mechanism = declared(args.system)
     dataset = read_dataset(args.data)
     if name is not None and dataset.system is not None and not same_system(dataset.system, name):
         raise InputError(f"{args.data} records {dataset.system}, not {name}; name the system that was recorded.")
@@ -61,21 +58,3 @@ def run(args: Args) -> None:
         "seed": args.seed,
     }
     print_result(summary, as_json=args.json)
-
-
-def _declared(system: str) -> "tuple[str | None, Mechanism]":
-    """Environment, if there is one, and mechanism that a word on the command line means."""
-    from keycld_envs import Mechanism, System, resolve_env_id, system_of
-    from keycld_envs.errors import InputError
-    from keycld_envs.mechanism_file import is_mechanism_file, read_mechanism_file
-    from keycld_envs.reading import read_json
-
-    if system.endswith(".json"):
-        try:
-            return None, Mechanism.from_dict(read_json(system))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{system} is no readable mechanism declaration: {error}") from error
-    if is_mechanism_file(system) and not isinstance(found := read_mechanism_file(system), System):
-        return None, found
-    name = resolve_env_id(system)
-    return name, system_of(name).mechanism

@@ -1,0 +1,136 @@
+"""What is weak in recordings that a model shall learn from, said before hours are spent on them."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.mechanism import Mechanism
+from keycld_envs.recordings.dataset import Dataset, Sequences
+from keycld_envs.systems import System
+
+FEWEST = 2500
+"""Frames in all, a tenth of what the shipped weights have learned from; 200 recordings of 50 frames are plenty."""
+FASTEST = 0.7
+"""Radians from one frame to the next; the pendulum's recordings have up to 0.52, and it is learned."""
+OFTEN = 0.02
+"""Fraction of frames in which something may be too fast."""
+STILL = 1.0
+"""Pixels; what varies less over all recordings stays where it is."""
+LEVELS = 8.0
+"""Of 255, the standard deviation of a pixel in which something moves."""
+SMALLEST_JOINT = 0.05
+"""rad or m; a joint that varies less over all recordings hardly moves."""
+SLOW = 128 * 128
+"""Pixels of a frame, beyond which training takes more than four times as long as with 64 x 64."""
+
+
+def weaknesses(dataset: Dataset, mechanism: Mechanism, system: System | None = None) -> list[str]:
+    """What is weak, a sentence each with what to record instead; empty if nothing is.
+
+    Args:
+        dataset: the recordings.
+        mechanism: what shall be learned from them.
+        system: the simulation that they are of, if there is one; where keypoints are is then known.
+
+    Raises:
+        InputError: if the recordings cannot be stacked.
+    """
+    data = dataset.sequences()
+    found = [*_amount(data), *_size(data.frames), *_speed(dataset, data), *_actions(dataset, data)]
+    if system is not None and data.qpos is not None and data.qpos.shape[2] == len(system.joints):
+        return [*found, *_still_keypoints(system, data.qpos)]
+    return [*found, *_still_joints(dataset, data)]
+
+
+def moving_box(frames: NDArray[np.uint8]) -> tuple[int, int, int, int] | None:
+    """Left, top, right and bottom (exclusive), pixels, of what changes in frames [N, T, H, W, 3]; None if nothing."""
+    sample = frames.reshape(-1, *frames.shape[2:])[:: max(1, frames.shape[0] * frames.shape[1] // 200)]
+    changes = sample.astype(np.float32).std(axis=0).max(axis=-1)
+    rows, columns = np.nonzero(changes > max(LEVELS, 0.1 * changes.max()))
+    if not len(rows):
+        return None
+    return int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
+
+
+def _amount(data: Sequences) -> list[str]:
+    number, length = data.frames.shape[:2]
+    if number * length >= FEWEST:
+        return []
+    more = -(-2 * FEWEST // length)
+    return [f"{number} recordings of {length} frames are few to learn from; record at least {more} of them."]
+
+
+def _size(frames: NDArray[np.uint8]) -> list[str]:
+    height, width = frames.shape[2:4]
+    if height * width <= SLOW:
+        return []
+    box = moving_box(frames)
+    where = "" if box is None else f" to the square around columns {box[0]} to {box[2]} and rows {box[1]} to {box[3]},"
+    return [
+        f"Frames of {width}x{height} pixels take {height * width / 64**2:.0f} times the time and memory of 64x64; cut "
+        f"them{where} where something moves: keycld crop."
+    ]
+
+
+def _speed(dataset: Dataset, data: Sequences) -> list[str]:
+    if data.qpos is None:
+        return []
+    units = dataset.recordings[0].units.get("qpos", ())
+    hinges = [i for i in range(data.qpos.shape[2]) if i >= len(units) or units[i] == "rad"]
+    turned = np.abs(np.diff(data.qpos[..., hinges], axis=1))
+    fast = turned > FASTEST
+    if not turned.size or not fast.any(axis=-1).mean() > OFTEN:
+        return []
+    name = dataset.recordings[0].joint_names[hinges[int(fast.mean(axis=(0, 1)).argmax())]]
+    strongest = np.abs(data.actions).max(initial=0.0)
+    pushed = np.abs(data.actions[fast.any(axis=(1, 2))]).mean() if data.actions.size else 0.0
+    weaker = pushed > 1.2 * np.abs(data.actions).mean() if data.actions.size else False
+    remedy = f"--action-range {strongest / 2:.2g}" if weaker else f"a frame every {data.timestep / 2:.2g} s"
+    why = "actions are too strong" if weaker else "motion is too fast for the frame rate"
+    return [
+        f"Joint {name!r} turns by up to {turned.max():.2g} rad from one frame to the next, by more than {FASTEST:g} in "
+        f"{100 * fast.any(axis=-1).mean():.0f} % of them: {why}; record with {remedy}."
+    ]
+
+
+def _actions(dataset: Dataset, data: Sequences) -> list[str]:
+    names, found = dataset.recordings[0].actuator_names, []
+    for i in range(data.actions.shape[2]):
+        if np.ptp(data.actions[..., i]) < 1e-9:
+            found.append(
+                f"Actuator {names[i]!r} has the action {data.actions.flat[i]:g} in all recordings, which does not tell "
+                "its effect; record with other actions, too."
+            )
+    return found
+
+
+def _still_keypoints(system: System, qpos: NDArray[np.float64]) -> list[str]:
+    """Of a simulation, whose keypoints are known."""
+    model = system.compile()
+    data, points = mujoco.MjData(model), []
+    flat = qpos.reshape(-1, qpos.shape[2])
+    for each in flat[:: max(1, len(flat) // 500)]:
+        data.qpos[:] = each
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_camlight(model, data)
+        points.append(system.keypoints(model, data))
+    pixels = np.ptp(np.array(points), axis=0).max(axis=-1) * 63 / 2
+    return [
+        f"Keypoint {k} moves by {pixels[k]:.1f} pixels over all recordings and cannot be found; record motions of it, "
+        "or leave it out of the mechanism."
+        for k in np.flatnonzero(pixels < STILL)
+    ]
+
+
+def _still_joints(dataset: Dataset, data: Sequences) -> list[str]:
+    """Of a real mechanism."""
+    if moving_box(data.frames) is None:
+        return ["Nothing moves in the frames; record the mechanism in motion, in light that shows it."]
+    if data.qpos is None:
+        return []
+    spread = np.ptp(data.qpos.reshape(-1, data.qpos.shape[2]), axis=0)
+    return [
+        f"Joint {dataset.recordings[0].joint_names[i]!r} moves by {spread[i]:.2g} over all recordings, so that what "
+        "hangs on it cannot be told apart; record motions of it."
+        for i in np.flatnonzero(spread < SMALLEST_JOINT)
+    ]
