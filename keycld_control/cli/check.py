@@ -60,7 +60,11 @@ def run(args: Args) -> int:
         problems, warnings = [*found.problems, *_drawn(args, found)], [*found.warnings]
         result |= _summary(found, args.json) | {"picture": args.out}
     if args.data is not None:
-        warnings += _recorded(args, name, mechanism, draw=name is None)
+        unfit, weak = _recorded(args, name, mechanism)
+        problems, warnings = [*problems, *unfit], [*warnings, *weak]
+        result["recordings"] = args.data
+        if name is None:
+            result["picture"] = args.out
     return _report(args, result, problems, warnings)
 
 
@@ -80,19 +84,26 @@ def _drawn(args: Args, found: "Inspection") -> list[str]:
     ]
 
 
-def _recorded(args: Args, name: str | None, mechanism: "Mechanism", draw: bool) -> list[str]:
-    """What is weak in recordings; without a simulation, they are what the picture shows."""
-    from keycld_control.check_picture import draw as write
-    from keycld_control.check_picture import recorded_panels
+def _recorded(args: Args, name: str | None, mechanism: "Mechanism") -> tuple[list[str], list[str]]:
+    """What does not fit in recordings, and what is weak; without a simulation, they are what the picture shows."""
+    from keycld_control.check_picture import draw, recorded_panels
     from keycld_envs import system_of
     from keycld_envs.recordings import read_dataset
     from keycld_envs.recordings.weaknesses import weaknesses
+    from keycld_envs.registration import same_system
 
     assert args.data is not None
     dataset = read_dataset(args.data)
-    if draw:
-        write(args.out, mechanism, recorded_panels(dataset, mechanism))
-    return weaknesses(dataset, mechanism, None if name is None else system_of(name))
+    if name is None:
+        draw(args.out, mechanism, recorded_panels(dataset, mechanism))
+    elif dataset.system is not None and not same_system(dataset.system, name):
+        return [f"{args.data} records {dataset.system}, not {name}; name the system that was recorded."], []
+    if (recorded := len(dataset.recordings[0].actuator_names)) != mechanism.num_actions:
+        return [
+            f"{args.data} has {recorded} actions, the mechanism of {args.system} has {mechanism.num_actions}; correct "
+            "num_actions, or name the recordings of this mechanism."
+        ], []
+    return [], weaknesses(dataset, None if name is None else system_of(name))
 
 
 def _summary(found: "Inspection", as_json: bool) -> dict[str, Any]:

@@ -51,7 +51,7 @@ system = System(
     # Every actuator of the MJCF, in its order.
     actuators=("push", "turn"),
     # What the world model knows: two keypoints; keypoint 0 slides on a rail through the pivot, in image units ((0, 0)
-    # is the middle, 1 the right or upper border), and cannot move along normal; a rod from 0 to 1, its length is learned.
+    # is the middle, 1 the right or upper border), and cannot move along normal; a rod from 0 to 1. Lengths are learned.
     mechanism=Mechanism(
         num_keypoints=2, num_actions=2, rods=(Rod(0, 1),), sliders=(Slider(0, normal=(0.0, 1.0)),), pivot=(0.0, 0.0)
     ),

@@ -4,7 +4,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.mechanism import Mechanism
 from keycld_envs.recordings.dataset import Dataset, Sequences
 from keycld_envs.systems import System
 
@@ -24,12 +23,11 @@ SLOW = 128 * 128
 """Pixels of a frame, beyond which training takes more than four times as long as with 64 x 64."""
 
 
-def weaknesses(dataset: Dataset, mechanism: Mechanism, system: System | None = None) -> list[str]:
+def weaknesses(dataset: Dataset, system: System | None = None) -> list[str]:
     """What is weak, a sentence each with what to record instead; empty if nothing is.
 
     Args:
         dataset: the recordings.
-        mechanism: what shall be learned from them.
         system: the simulation that they are of, if there is one; where keypoints are is then known.
 
     Raises:
