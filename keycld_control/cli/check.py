@@ -71,9 +71,13 @@ def run(args: Args) -> int:
 def _drawn(args: Args, found: "Inspection") -> list[str]:
     """Write the picture; what its images say is a problem."""
     from keycld_control.check_picture import draw, panels
+    from keycld_envs.errors import InputError
     from keycld_envs.inspection.camera import sees_nothing
 
-    drawn, images = panels(found.poses)
+    try:
+        drawn, images = panels(found.poses)
+    except InputError as error:  # there is no OpenGL, which must not hide what else is wrong
+        return [str(error)]
     draw(args.out, found.poses.system.mechanism, drawn)
     if found.problems or not sees_nothing(images):
         return []

@@ -69,7 +69,7 @@ def problems(poses: Poses) -> Iterator[str]:
         if not value.constant:
             wrong = True
             yield _changing_rod(poses, rod, value)
-        elif value.most < SHORTEST:
+        elif value.most < SHORTEST and not wrong:
             wrong = True
             pixels = value.most / PIXEL
             yield f"{value.name} is {pixels:.1f} pixels long; move its keypoints apart, or the camera nearer."
