@@ -15,7 +15,7 @@ from keycld_envs.inspection.constraints import values
 from keycld_envs.inspection.poses import SIDE, Poses
 from keycld_envs.mechanism import Mechanism
 from keycld_envs.recordings import Dataset
-from keycld_envs.recordings.weaknesses import moving_box
+from keycld_envs.recordings.crop import moving_box
 
 PANEL, GAP, LINE = 384, 4, 18
 """Width and height of a panel, what is left between panels, height of a line of text, pixels."""
@@ -66,7 +66,8 @@ def panels(poses: Poses) -> tuple[list[Panel], list[NDArray[np.uint8]]]:
 def recorded_panels(dataset: Dataset, mechanism: Mechanism) -> list[Panel]:
     """The first frame of four recordings, with the pivot and the box in which something moves."""
     data = dataset.sequences()
-    box, (height, width) = moving_box(data.frames), data.frames.shape[2:4]
+    height, width = data.frames.shape[2:4]
+    box = moving_box(data.frames.reshape(-1, height, width, 3))
     found = []
     for index in np.linspace(0, len(data.frames) - 1, min(4, len(data.frames))).astype(int):
         image = Image.fromarray(data.frames[index, 0])

@@ -107,7 +107,7 @@ def _recorded(args: Args, name: str | None, mechanism: "Mechanism") -> tuple[lis
             f"{args.data} has {recorded} actions, the mechanism of {args.system} has {mechanism.num_actions}; correct "
             "num_actions, or name the recordings of this mechanism."
         ], []
-    return [], weaknesses(dataset, None if name is None else system_of(name))
+    return [], list(weaknesses(dataset, None if name is None else system_of(name)))
 
 
 def _summary(found: "Inspection", as_json: bool) -> dict[str, Any]:

@@ -1,23 +1,29 @@
-"""Make a recording of a CSV, JSON or MATLAB file."""
+"""Make recordings of CSV, JSON or MATLAB files."""
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from tyro.conf import Positional, UseAppendAction
 
 from keycld_control.cli._output import print_result
 
+if TYPE_CHECKING:
+    from keycld_envs.recordings import Recording
+
 
 @dataclass(frozen=True)
 class Args:
-    """Make a recording of a CSV, JSON or MATLAB file: say which column is what.
+    """Make recordings of CSV, JSON or MATLAB files: say which column is what.
 
     For instance: keycld import log.csv --out data/log --time t --joint hinge=angle --action motor=torque
 
+    Or all at once, a recording of each in data/logs: keycld import logs/*.csv --out data/logs --time t ...
+
     Attributes:
-        file: CSV file with a header, JSON log (.json, .jsonl), MATLAB file (.mat) up to version 7, or file of EPOS
-            Studio's recorder.
-        out: Folder to create.
+        files: CSV file with a header, JSON log (.json, .jsonl), MATLAB file (.mat) up to version 7, or file of EPOS
+            Studio's recorder; or several alike.
+        out: Folder to create; of several files, the one that their recordings are put into, each named like its file.
         time: Column of the clock.
         joint: Column of each joint's position, as JOINT=COLUMN, once for each joint, in the simulator's order; a speed,
             by its unit, is added up.
@@ -34,7 +40,7 @@ class Args:
         json: Print one JSON object.
     """
 
-    file: Positional[Path]
+    files: Positional[tuple[Path, ...]]
     out: Path
     time: str
     joint: UseAppendAction[tuple[str, ...]]
@@ -52,15 +58,43 @@ class Args:
 
 
 def run(args: Args) -> None:
-    """Read, write, and say what was read."""
-    import numpy as np
+    """Read all before the first is written, and say what was read."""
+    from keycld_envs.errors import InputError
+    from keycld_envs.progress import progress
+    from keycld_envs.recordings import write_recording
 
+    if not args.files:
+        raise InputError("There is no file to import; name one, or several.")
+    folders = [args.out] if len(args.files) == 1 else [args.out / file.stem for file in args.files]
+    if twice := [folder for folder in folders if folders.count(folder) > 1]:
+        raise InputError(f"Several files would become {twice[0]}; rename one of them.")
+    if there := [folder for folder in folders if folder.exists() and any(folder.iterdir())]:
+        raise InputError(f"{there[0]} exists and is not empty; choose another folder, or remove it.")
+    recordings = []
+    with progress("Importing", total=len(folders)) as advance:
+        for file, folder in zip(args.files, folders, strict=True):
+            recordings.append(_read(args, file, folder.name))
+            advance()
+    for folder, recording in zip(folders, recordings, strict=True):
+        write_recording(folder, recording)
+    results = [_summary(*pair) for pair in zip(folders, recordings, strict=True)]
+    if len(results) == 1:
+        print_result(results[0], as_json=args.json)
+    elif args.json:
+        print_result({"recordings": results}, as_json=True)
+    else:
+        print_result(
+            {str(r["recording"]): f"{r['samples']} samples, {r['seconds']:.4g} s" for r in results}, as_json=False
+        )
+
+
+def _read(args: Args, file: Path, name: str) -> "Recording":
+    """One file as a recording."""
     from keycld_control.cli._pairs import pairs
     from keycld_envs import resolve_env_id
-    from keycld_envs.recordings import write_recording
     from keycld_envs.recordings.importers import Columns, assemble, read_log
 
-    table, known = read_log(args.file, args.columns or None, drop_truncated_end=args.drop_truncated_end)
+    table, known = read_log(file, args.columns or None, drop_truncated_end=args.drop_truncated_end)
     columns = Columns(
         args.time,
         pairs("--joint", args.joint),
@@ -71,15 +105,19 @@ def run(args: Args) -> None:
         args.hold,
     )
     system = None if args.system is None else resolve_env_id(args.system)
-    recording = assemble(table, columns, args.out.name, licence=args.licence, origin=args.origin, system=system)
-    write_recording(args.out, recording)
+    return assemble(table, columns, name, licence=args.licence, origin=args.origin, system=system)
+
+
+def _summary(folder: Path, recording: "Recording") -> dict[str, Any]:
+    """What was read of one file."""
+    import numpy as np
+
     assert recording.t_state is not None and recording.qpos is not None
-    result = {
-        "recording": args.out,
+    return {
+        "recording": folder,
         "samples": len(recording.t_state),
         "seconds": float(np.ptp(recording.t_state)),
         "missing": int(np.isnan(recording.qpos).sum()),
         "joints": recording.joint_names,
         "actuators": recording.actuator_names,
     }
-    print_result(result, as_json=args.json)

@@ -1,9 +1,12 @@
 """What is weak in recordings that a model shall learn from, said before hours are spent on them."""
 
+from collections.abc import Iterator
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.recordings.crop import moving_box, square
 from keycld_envs.recordings.dataset import Dataset, Sequences
 from keycld_envs.systems import System
 
@@ -15,16 +18,14 @@ OFTEN = 0.02
 """Fraction of frames in which something may be too fast."""
 STILL = 1.0
 """Pixels; what varies less over all recordings stays where it is."""
-LEVELS = 8.0
-"""Of 255, the standard deviation of a pixel in which something moves."""
 SMALLEST_JOINT = 0.05
 """rad or m; a joint that varies less over all recordings hardly moves."""
 SLOW = 128 * 128
 """Pixels of a frame, beyond which training takes more than four times as long as with 64 x 64."""
 
 
-def weaknesses(dataset: Dataset, system: System | None = None) -> list[str]:
-    """What is weak, a sentence each with what to record instead; empty if nothing is.
+def weaknesses(dataset: Dataset, system: System | None = None) -> Iterator[str]:
+    """What is weak, a sentence each with what to record instead; what costs memory comes before it is spent.
 
     Args:
         dataset: the recordings.
@@ -33,21 +34,13 @@ def weaknesses(dataset: Dataset, system: System | None = None) -> list[str]:
     Raises:
         InputError: if the recordings cannot be stacked.
     """
+    yield from _size(dataset)
     data = dataset.sequences()
-    found = [*_amount(data), *_size(data.frames), *_speed(dataset, data), *_actions(dataset, data)]
+    yield from (*_amount(data), *_speed(dataset, data), *_actions(dataset, data))
     if system is not None and data.qpos is not None and data.qpos.shape[2] == len(system.joints):
-        return [*found, *_still_keypoints(system, data.qpos)]
-    return [*found, *_still_joints(dataset, data)]
-
-
-def moving_box(frames: NDArray[np.uint8]) -> tuple[int, int, int, int] | None:
-    """Left, top, right and bottom (exclusive), pixels, of what changes in frames [N, T, H, W, 3]; None if nothing."""
-    sample = frames.reshape(-1, *frames.shape[2:])[:: max(1, frames.shape[0] * frames.shape[1] // 200)]
-    changes = sample.astype(np.float32).std(axis=0).max(axis=-1)
-    rows, columns = np.nonzero(changes > max(LEVELS, 0.1 * changes.max()))
-    if not len(rows):
-        return None
-    return int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
+        yield from _still_keypoints(system, data.qpos)
+    else:
+        yield from _still_joints(dataset, data)
 
 
 def _amount(data: Sequences) -> list[str]:
@@ -58,15 +51,18 @@ def _amount(data: Sequences) -> list[str]:
     return [f"{number} recordings of {length} frames are few to learn from; record at least {more} of them."]
 
 
-def _size(frames: NDArray[np.uint8]) -> list[str]:
-    height, width = frames.shape[2:4]
-    if height * width <= SLOW:
+def _size(dataset: Dataset) -> list[str]:
+    first = next(iter(dataset.recordings[0].iter_frames()), None)
+    if first is None or first.shape[0] * first.shape[1] <= SLOW:
         return []
-    box = moving_box(frames)
-    where = "" if box is None else f" to the square around columns {box[0]} to {box[2]} and rows {box[1]} to {box[3]},"
+    height, width = first.shape[:2]
+    sample = dataset.recordings[:: max(1, len(dataset) // 10)]
+    box = moving_box(frame for recording in sample for frame in recording.iter_frames())
+    cut = () if box is None else square(box, width, height)
+    keep = f" --box {' '.join(map(str, cut))}" if cut else ""
     return [
         f"Frames of {width}x{height} pixels take {height * width / 64**2:.0f} times the time and memory of 64x64; cut "
-        f"them{where} where something moves: keycld crop."
+        f"them: keycld crop {dataset.folder} --out {dataset.folder}-small{keep}."
     ]
 
 
@@ -122,7 +118,7 @@ def _still_keypoints(system: System, qpos: NDArray[np.float64]) -> list[str]:
 
 def _still_joints(dataset: Dataset, data: Sequences) -> list[str]:
     """Of a real mechanism."""
-    if moving_box(data.frames) is None:
+    if moving_box(data.frames[:, ::5].reshape(-1, *data.frames.shape[2:])) is None:
         return ["Nothing moves in the frames; record the mechanism in motion, in light that shows it."]
     if data.qpos is None:
         return []
