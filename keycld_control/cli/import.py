@@ -68,13 +68,13 @@ def run(args: Args) -> None:
     folders = [args.out] if len(args.files) == 1 else [args.out / file.stem for file in args.files]
     if twice := [folder for folder in folders if folders.count(folder) > 1]:
         raise InputError(f"Several files would become {twice[0]}; rename one of them.")
-    if there := [folder for folder in folders if folder.exists() and any(folder.iterdir())]:
-        raise InputError(f"{there[0]} exists and is not empty; choose another folder, or remove it.")
     recordings = []
     with progress("Importing", total=len(folders)) as advance:
         for file, folder in zip(args.files, folders, strict=True):
             recordings.append(_read(args, file, folder.name))
             advance()
+    if there := [folder for folder in folders if folder.is_dir() and any(folder.iterdir())]:
+        raise InputError(f"{there[0]} exists and is not empty; choose another folder, or remove it.")
     for folder, recording in zip(folders, recordings, strict=True):
         write_recording(folder, recording)
     results = [_summary(*pair) for pair in zip(folders, recordings, strict=True)]

@@ -11,7 +11,7 @@ from scipy import io
 
 from keycld_control.cli import main
 from keycld_envs.errors import InputError
-from keycld_envs.recordings import read_recording
+from keycld_envs.recordings import read_dataset, read_recording
 from keycld_envs.recordings.importers import (
     Columns,
     Table,

@@ -71,7 +71,7 @@ def test_large_frames_are_named_before_they_are_stacked() -> None:
     large = recordings(2, size=(360, 640))
     said = next(weaknesses(large))
     left, top, right, bottom = map(int, said.split("--box ")[1].rstrip(".").split())
-    assert "56 times" in said and (right - left, bottom - top) == (24, 24)  # a circle of radius 8, a dot of 4
+    assert "56 times" in said and (right - left, bottom - top) == (22, 22)  # 2 x 8, a dot of 4, a tenth
     assert left <= 4 and right >= 24 and top <= 4 and bottom >= 24
 
 
