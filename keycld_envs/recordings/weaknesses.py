@@ -10,8 +10,8 @@ from keycld_envs.recordings.crop import moving_box, square
 from keycld_envs.recordings.dataset import Dataset, Sequences
 from keycld_envs.systems import System
 
-FEWEST = 2500
-"""Frames in all, a tenth of what the shipped weights have learned from; 200 recordings of 50 frames are plenty."""
+FEWEST = 5000
+"""Frames in all: with 100 recordings of 50 frames the acrobot is predicted for .996 of the time, with 50 for .88."""
 FASTEST = 0.7
 """Radians from one frame to the next; the pendulum's recordings have up to 0.52, and it is learned."""
 OFTEN = 0.02
@@ -47,7 +47,7 @@ def _amount(data: Sequences) -> list[str]:
     number, length = data.frames.shape[:2]
     if number * length >= FEWEST:
         return []
-    more = -(-2 * FEWEST // length)
+    more = -(-FEWEST // length)
     return [f"{number} recordings of {length} frames are few to learn from; record at least {more} of them."]
 
 
