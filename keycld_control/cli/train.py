@@ -57,17 +57,20 @@ def run(args: Args) -> None:
     dataset = read_dataset(args.data)
     if name is not None and dataset.system is not None and not same_system(dataset.system, name):
         raise InputError(f"{args.data} records {dataset.system}, not {name}; name the system that was recorded.")
-    weak = []
-    for sentence in weaknesses(dataset, None if name is None else system_of(name)):
-        print(f"keycld: mind: {sentence}", file=sys.stderr, flush=True)
-        weak.append(sentence)
     recipe: str | Preset = args.preset
     sizes = {key: size for key in ("width", "hidden") if (size := getattr(args, key)) is not None}
     if sizes or args.learning_rate_scale != 1:
         recipe = with_rate(with_networks(PRESETS[args.preset], **sizes), args.learning_rate_scale)
     networks = recipe.networks if isinstance(recipe, Preset) else PRESETS[recipe].networks
     config = ModelConfig.of(dataset, mechanism, name, networks)
-    result = train(dataset, config, args.out, recipe, args.seed, args.validation)
+    weak = []
+
+    def mind() -> None:
+        for sentence in weaknesses(dataset, None if name is None else system_of(name)):
+            print(f"keycld: mind: {sentence}", file=sys.stderr, flush=True)
+            weak.append(sentence)
+
+    result = train(dataset, config, args.out, recipe, args.seed, args.validation, mind)
     summary = {
         "system": name,
         "checkpoint": str(result.folder),

@@ -26,7 +26,7 @@ def in_view(poses: Poses) -> NDArray[np.float64]:
 def problems(poses: Poses) -> Iterator[str]:
     """What is wrong with camera and landmarks, a sentence each."""
     system, name = poses.system, poses.system.camera
-    if behind := [*np.flatnonzero((poses.depths <= 0).any(axis=0))]:
+    if behind := [int(k) for k in np.flatnonzero((poses.depths <= 0).any(axis=0))]:
         yield f"{poses.named(behind[0]).capitalize()} is behind the camera {name!r}; turn the camera, or move it back."
         return
     far = np.ptp(poses.depths, axis=0) / poses.depths.mean(axis=0)

@@ -79,6 +79,7 @@ def train(
     preset: str | Preset = "default",
     seed: int = 0,
     validation: float = 0.1,
+    on_start: Callable[[], None] = lambda: None,
 ) -> TrainingResult:
     """Train a world model; a run that was interrupted continues where it stopped, with the same result.
 
@@ -91,6 +92,7 @@ def train(
         preset: recipe, or its name.
         seed: seed of initialisation and batches.
         validation: fraction of recordings held out.
+        on_start: called when everything has been checked, before the first step.
 
     Returns:
         The trained model and its score.
@@ -120,6 +122,7 @@ def train(
         "data": _origin(dataset),
     }
     run = _Run(Path(out), Parts(config), recipe, data, test, seed, json.loads(json.dumps(meta)))
+    on_start()
     return run.finish()
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 
@@ -21,12 +22,12 @@ ARM = (resources.files("keycld_control.starters") / "two_links.py").read_text(en
 
 
 @pytest.fixture
-def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The working folder, in which lab/arm.py declares a system."""
     monkeypatch.chdir(tmp_path)
     Path("lab").mkdir()
     Path("lab/arm.py").write_text(ARM)
-    yield tmp_path  # pyright: ignore[reportReturnType]
+    yield
     gym.registry.pop("arm.py", None)
 
 
