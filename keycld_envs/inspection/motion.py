@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.collect import PAPER_ACTION_RANGE
 from keycld_envs.inspection.poses import PIXEL, SIDE, Poses
+from keycld_envs.recordings.weaknesses import FASTEST
 from keycld_envs.simulation import Simulation
 from keycld_envs.systems import System
 
@@ -17,9 +18,6 @@ FRAMES = 50
 EPISODES = 20
 WEAKEST = 1.0
 """Pixels by which an actuator has to move some keypoint within an episode."""
-FASTEST = 0.7
-"""Radians that a link may turn from one frame to the next. The pendulum turns up to 0.52 and is learned; at a quarter
-turn, neighbouring frames no longer tell which way."""
 FARTHEST = 10.0
 """Pixels that a keypoint may move from one frame to the next."""
 SLOWEST = 3.0

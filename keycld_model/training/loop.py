@@ -90,7 +90,7 @@ def train(
         config: mechanism, frame interval, image size, networks (`preset.networks` unless you change them).
         out: folder for the checkpoint, `log.jsonl`, and the state of an unfinished run (`state/`).
         preset: recipe, or its name.
-        seed: seed of initialisation and batches.
+        seed: of initialisation and batches.
         validation: fraction of recordings held out.
         on_start: called when everything has been checked, before the first step.
 
@@ -108,9 +108,7 @@ def train(
         raise InputError(f"validation is {validation:g}; it must lie between 0 and 1.")
     if Path(out).exists() and not Path(out).is_dir():
         raise InputError(f"{out} is a file; name a folder.")
-    held_in, held_out = dataset.split(validation)
-    data = TrainingData.from_dataset(held_in, recipe.length)
-    test = TrainingData.from_dataset(held_out, recipe.length)
+    data, test = (TrainingData.from_dataset(part, recipe.length) for part in dataset.split(validation))
     _check(data, config, dataset)
     meta = {
         "config": config.to_dict(),
@@ -121,9 +119,8 @@ def train(
         "validation": validation,
         "data": _origin(dataset),
     }
-    run = _Run(Path(out), Parts(config), recipe, data, test, seed, json.loads(json.dumps(meta)))
     on_start()
-    return run.finish()
+    return _Run(Path(out), Parts(config), recipe, data, test, seed, json.loads(json.dumps(meta))).finish()
 
 
 def _recipe(preset: str | Preset) -> tuple[str, Preset]:
