@@ -1,9 +1,11 @@
 """Mistakes in a mechanism of one's own: each is one sentence that names it, and exit code 2."""
 
+import json
 from importlib import resources
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from keycld_control.cli import main
 
@@ -173,3 +175,32 @@ def test_other_commands_say_what_is_wrong_with_the_file(
         assert one_sentence(said), said
         assert words in said
     assert not {"data", "runs", "other.py"} & {path.name for path in tmp_path.iterdir()}
+
+
+@pytest.mark.render
+@pytest.mark.parametrize("template", ["pendulum", "cartpole", "two_links"])
+def test_what_keycld_new_writes_has_no_mistake(
+    template: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "lab/thing", "--template", template, "--json"]) == 0
+    assert main(["check", "lab/thing.py", "--json"]) == 0
+    new, check = map(json.loads, capsys.readouterr().out.splitlines())
+    assert new["file"] == check["system"] == "lab/thing.py"
+    assert (check["problems"], check["warnings"]) == ([], [])
+    assert Image.open("check.png").size[0] == 5 * 384
+
+
+@pytest.mark.render
+def test_recordings_are_compared_with_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, template in (("arm", "two_links"), ("pole", "pendulum"), ("film", "video")):
+        assert main(["new", name, "--template", template]) == 0
+    assert main(["collect", "arm.py", "--out", "data", "--episodes", "2", "--width", "16", "--height", "16"]) == 0
+    capsys.readouterr()
+    assert main(["check", "arm.py", "--data", "data"]) == 0
+    assert "2 recordings of 50 frames are few" in capsys.readouterr().err
+    assert "records arm.py, not pole.py" in complaint(capsys, "check", "pole.py", "--data", "data")
+    assert "2 actions" in complaint(capsys, "check", "film.py", "--data", "data")
