@@ -6,13 +6,12 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_control.agent import DEFAULT_KD, DEFAULT_KP, EnergyShapingAgent
 from keycld_control.law import Law
-from keycld_envs import InputError, KeyCLDEnv, resolve_env_id
+from keycld_envs import InputError, KeyCLDEnv, make, resolve_env_id
 from keycld_envs.disturbance import Disturbance
 from keycld_envs.effects import Effect
 from keycld_envs.registration import same_system
@@ -106,7 +105,7 @@ def make_loop(settings: LoopSettings) -> Iterator[Loop]:
     env_id = resolve_env_id(settings.system)
     model = WorldModel.load(settings.weights or settings.system)
     height, width = model.image_shape
-    env = gym.make(
+    env = make(
         env_id,
         disable_env_checker=True,
         start=settings.start,

@@ -2,12 +2,11 @@
 
 from contextlib import closing
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from keycld_envs import resolve_env_id
+from keycld_envs import make, resolve_env_id
 from keycld_envs.errors import InputError
 
 
@@ -58,6 +57,6 @@ def default_bounds(system: str | None) -> tuple[NDArray[np.float32], NDArray[np.
         raise InputError(
             f"The model's system {system!r} is no registered environment; give action_space=env.action_space."
         ) from error
-    with closing(gym.make(env_id, disable_env_checker=True)) as env:
+    with closing(make(env_id, disable_env_checker=True)) as env:
         assert isinstance(env.action_space, spaces.Box)
         return env.action_space.low, env.action_space.high

@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Sequence
 from numbers import Integral, Real
-from typing import Literal, cast
+from typing import Any, Literal, TypeVar, cast
 
 import mujoco
 import numpy as np
@@ -15,6 +15,7 @@ LARGEST_SIDE = 8192
 """Pixels of an image's side."""
 LONGEST_VALUE = 80
 """Characters of a value in a message."""
+T = TypeVar("T")
 ObsType = Literal["pixels", "state", "pixels_state"]
 
 
@@ -84,6 +85,23 @@ def check_camera(model: mujoco.MjModel, name: str) -> str:
         hint = f"did you mean {similar[0]!r}?" if similar else f"it has {', '.join(map(repr, cameras)) or 'none'}."
         raise InputError(f"The model has no camera {short(name)}; {hint}")
     return name
+
+
+def several(name: str, value: Any, kind: type[T]) -> tuple[T, ...]:
+    """A tuple or list of what is all of one class, as a tuple.
+
+    Raises:
+        InputError: if it is something else, for instance a single one without its comma.
+    """
+    if isinstance(value, kind) and kind is not str:
+        raise InputError(
+            f"{name} is one {kind.__name__}, not a tuple of them; write a comma behind it, {name}=(..., )."
+        )
+    if not isinstance(value, tuple | list):
+        raise InputError(f"{name} must be a tuple of {kind.__name__}, got {short(value)}.")
+    if wrong := [each for each in value if not isinstance(each, kind)]:
+        raise InputError(f"{name} must be a tuple of {kind.__name__}, but has {short(wrong[0])}.")
+    return tuple(value)
 
 
 def short(value: object) -> str:

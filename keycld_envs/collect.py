@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import mujoco
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
@@ -25,7 +24,7 @@ from keycld_envs.policies import get_policy
 from keycld_envs.progress import progress
 from keycld_envs.reading import read_json
 from keycld_envs.recordings import Recording, write_recording
-from keycld_envs.registration import resolve_env_id, spec_of
+from keycld_envs.registration import make, resolve_env_id, spec_of
 from keycld_envs.rendering import Quality
 from keycld_envs.workers import map_in_processes
 
@@ -207,7 +206,7 @@ def make_env(settings: CollectSettings) -> KeyCLDEnv:
     env_id = settings.env_id
     if not _makes_keycld_env(env_id):
         raise InputError(f"{env_id} is no KeyCLD environment; declare it as a keycld_envs.System.")
-    env = gym.make(
+    env = make(
         env_id,
         disable_env_checker=True,
         width=settings.width,

@@ -4,7 +4,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from keycld_envs.checks import check_whole, finite_vector, several
 from keycld_envs.errors import InputError
+
+MOST_KEYPOINTS = 64
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,13 @@ class Rod:
     start: int | None
     end: int
 
+    def __post_init__(self) -> None:
+        if self.start is not None:
+            check_whole("start of a Rod", self.start, 0, MOST_KEYPOINTS - 1)
+        check_whole("end of a Rod", self.end, 0, MOST_KEYPOINTS - 1)
+        if self.start == self.end:
+            raise InputError(f"{self} ends where it starts; name two keypoints, or None for the pivot.")
+
 
 @dataclass(frozen=True)
 class Slider:
@@ -31,6 +41,12 @@ class Slider:
 
     keypoint: int
     normal: tuple[float, float] = (0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check_whole("keypoint of a Slider", self.keypoint, 0, MOST_KEYPOINTS - 1)
+        if not finite_vector("normal of a Slider", self.normal, 2).any():
+            raise InputError(f"{self} has a normal without direction; for a level rail it is (0.0, 1.0).")
+        object.__setattr__(self, "normal", tuple(self.normal))
 
 
 @dataclass(frozen=True)
@@ -54,13 +70,26 @@ class Mechanism:
     pivot: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
+        check_whole("num_keypoints", self.num_keypoints, 1, MOST_KEYPOINTS)
+        check_whole("num_actions", self.num_actions, 0, MOST_KEYPOINTS)
+        for name, kind in (("rods", Rod), ("sliders", Slider)):
+            object.__setattr__(self, name, several(name, getattr(self, name), kind))
+        finite_vector("pivot", self.pivot, 2)
+        object.__setattr__(self, "pivot", tuple(self.pivot))
+        pairs = [frozenset((rod.start, rod.end)) for rod in self.rods]
+        if twice := [rod for rod, pair in zip(self.rods, pairs, strict=True) if pairs.count(pair) > 1]:
+            raise InputError(f"{twice[0]} is declared twice; keep one of them.")
         for rod in self.rods:
             ends = [rod.end] if rod.start is None else [rod.start, rod.end]
             if not all(0 <= k < self.num_keypoints for k in ends):
-                raise InputError(f"{rod} names a keypoint outside 0..{self.num_keypoints - 1}.")
+                raise InputError(
+                    f"{rod} names a keypoint outside 0..{self.num_keypoints - 1}; correct it, or num_keypoints."
+                )
         for slider in self.sliders:
             if not 0 <= slider.keypoint < self.num_keypoints:
-                raise InputError(f"{slider} names a keypoint outside 0..{self.num_keypoints - 1}.")
+                raise InputError(
+                    f"{slider} names a keypoint outside 0..{self.num_keypoints - 1}; correct it, or num_keypoints."
+                )
         if self.degrees_of_freedom < 1:
             raise InputError(
                 f"{len(self.rods) + len(self.sliders)} constraints on {self.num_keypoints} keypoints "

@@ -2,6 +2,8 @@
 
 import difflib
 import importlib
+import re
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -9,6 +11,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from keycld_envs.checks import short
 from keycld_envs.errors import InputError
+from keycld_envs.mechanism_file import is_mechanism_file, read_system
 from keycld_envs.systems import REFERENCE_SYSTEMS, SYSTEMS, System, get_system
 
 MAX_EPISODE_STEPS = 1000
@@ -39,7 +42,7 @@ def register(system: System, env_id: str, max_episode_steps: int = MAX_EPISODE_S
 
 
 def make(name: str, **kwargs: Any) -> gym.Env[Any, Any]:
-    """`gymnasium.make` that takes short names, such as "acrobot-stock", and suggests names for unknown ones.
+    """`gymnasium.make` that takes short names and files, "acrobot-stock" or "my_arm.py", and suggests names.
 
     Args:
         name: an environment id or a short name, see `resolve_env_id`.
@@ -48,22 +51,25 @@ def make(name: str, **kwargs: Any) -> gym.Env[Any, Any]:
     Raises:
         InputError: if there is no such environment.
     """
-    return gym.make(resolve_env_id(name), **kwargs)
+    return gym.make(bare_id(resolve_env_id(name)), **kwargs)
 
 
 def resolve_env_id(name: str) -> str:
-    """The environment id that `name` means, for `gymnasium.make`.
+    """The environment id that `name` means, for `keycld_envs.make`.
 
     Args:
         name: an id, or a short name such as "acrobot" or "acrobot-stock". Of environments that a module of yours
             registers, "my_module:MyLab/Slider-v0": the module is imported, and stays part of the result, so that
-            other processes import it too.
+            other processes import it too. Of a file that declares a `system`, its path, "lab/my_arm.py": the
+            environment is registered under the file's name, and the path is the result.
 
     Raises:
         InputError: if there is none; the message suggests similar names.
     """
     if not isinstance(name, str):
         raise InputError(f"An environment is named by an id, got {short(name)}.")
+    if is_mechanism_file(name):
+        return _of_file(Path(name))
     module, colon, bare = name.rpartition(":")
     if module == "keycld_envs":
         module, colon = "", ""
@@ -76,21 +82,22 @@ def resolve_env_id(name: str) -> str:
         return module + colon + _SHORT_NAMES[hyphened]
     known = {key.lower(): key for key in (*_SHORT_NAMES, *_known_ids())}
     similar = [known[key] for key in difflib.get_close_matches(bare.lower(), known, n=3)] or sorted(_SHORT_NAMES)
-    raise InputError(
-        f"There is no environment {name!r}; did you mean {', '.join(module + colon + s for s in similar)}?"
-    )
+    similar = [module + colon + each for each in similar]
+    if Path(f"{name}.py").is_file():
+        similar = [f"{name}.py"]
+    raise InputError(f"There is no environment {name!r}; did you mean {', '.join(similar)}?")
 
 
 def bare_id(env_id: str) -> str:
     """The id that Gymnasium knows an environment by, which tells whether two ids mean the same one.
 
     Args:
-        env_id: with or without the module that registers it, such as "my_module:MyLab/Slider-v0".
+        env_id: with or without where it comes from, such as "my_module:MyLab/Slider-v0" or "lab/my_arm.py".
 
     Returns:
-        The id without the module, such as "MyLab/Slider-v0".
+        The id without the module or the folder, such as "MyLab/Slider-v0" or "my_arm.py".
     """
-    return env_id.rpartition(":")[2]
+    return Path(env_id).name if is_mechanism_file(env_id) else env_id.rpartition(":")[2]
 
 
 def same_system(one: str, other: str) -> bool:
@@ -135,6 +142,16 @@ def system_of(name: str) -> System:
     raise InputError(
         f"{resolve_env_id(name)} is not an environment of a KeyCLD system; register one with keycld_envs.register."
     )
+
+
+def _of_file(path: Path) -> str:
+    """Register what a file declares under the file's name, in place of what may have gone by it."""
+    system = read_system(path)
+    if re.fullmatch(r"[A-Za-z0-9_.-]+", path.name) is None:
+        raise InputError(f"The file name {path.name!r} cannot be an id; use letters, digits, '_', '-' and '.' alone.")
+    gym.registry.pop(path.name, None)
+    gym.register(path.name, entry_point=_ENTRY_POINT, max_episode_steps=MAX_EPISODE_STEPS, kwargs={"system": system})
+    return path.as_posix()
 
 
 def _import(module: str, name: str) -> None:

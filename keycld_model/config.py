@@ -123,7 +123,7 @@ class ModelConfig:
         if any(size < multiple or size % multiple for size in self.image_shape):
             raise InputError(
                 f"Frames of {self.image_shape[1]}x{self.image_shape[0]} pixels do not fit the networks; width and "
-                f"height must be multiples of {multiple}."
+                f"height must be multiples of {multiple}: cut them with `keycld crop`."
             )
         check_number("timestep", self.timestep, 0.0, 10.0)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from keycld_envs import system_of
 from keycld_envs.errors import InputError
+from keycld_envs.mechanism_file import is_mechanism_file
 from keycld_model.checkpoint import WEIGHTS, flatten, read_checkpoint
 from keycld_model.config import ModelConfig
 from keycld_model.modules import Parameters, Parts
@@ -29,6 +30,8 @@ def shipped_models() -> dict[str, Path]:
 def find_model(source: str) -> Path:
     """The folder of a checkpoint; a folder named like a shipped model counts if it holds one."""
     folder, shipped = Path(source), shipped_models()
+    if is_mechanism_file(source):
+        raise InputError(f"There are no weights for {source}; `keycld train` makes some, name their folder: --weights.")
     name = source
     if source not in shipped and ("/" in source or ":" in source) and not folder.exists():
         with suppress(InputError):

@@ -1,5 +1,6 @@
 """Record a data set of a simulated system."""
 
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
@@ -49,6 +50,7 @@ class Args:
 def run(args: Args) -> None:
     """Collect and print the summary."""
     from keycld_envs.collect import CollectSettings, collect
+    from keycld_envs.recordings.weaknesses import SLOW
 
     settings = CollectSettings(
         env_id=args.system,
@@ -62,4 +64,11 @@ def run(args: Args) -> None:
         render_quality=args.render_quality,
         seed=args.seed,
     )
+    if args.width * args.height > SLOW:
+        times = args.width * args.height / 64**2
+        print(
+            f"keycld: mind: Frames of {args.width}x{args.height} pixels take {times:.0f} times the time and memory of "
+            "64x64 in training; record with --width 64 --height 64, unless nothing shows at that size.",
+            file=sys.stderr,
+        )
     print_result(asdict(collect(args.out, settings, args.episodes, args.workers)), as_json=args.json)

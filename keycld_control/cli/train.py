@@ -1,5 +1,6 @@
 """Train a world model on recordings."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -14,11 +15,14 @@ class Args:
     """Train a world model. Run again with the same settings, it continues where it stopped.
 
     Attributes:
-        system: Short name (`keycld systems` lists them), environment id, module:id of your own, or a JSON file with a
-            mechanism's declaration for recordings of a camera.
+        system: Short name (`keycld systems` lists them), environment id, module:id of your own, a Python file that
+            declares a system or a mechanism (`keycld new` writes one), or a JSON file with a mechanism's declaration.
         data: Folder of recordings.
         out: Folder for the checkpoint and the log.
         preset: Recipe; `keycld presets` lists them.
+        learning_rate_scale: Factor on the learning rates of all stages.
+        width: Channels of estimator and renderer at their finest level, a multiple of 4; by default the recipe's.
+        hidden: Width of the hidden layers of potential energy and actuators; by default the recipe's.
         validation: Fraction of the recordings held out.
         seed: Seed of initialisation and batches.
         log: Also show curves in "tensorboard", "wandb" or "trackio", which need the extra of that name; a page,
@@ -30,6 +34,9 @@ class Args:
     data: Path
     out: Path
     preset: str = "default"
+    learning_rate_scale: float = 1.0
+    width: int | None = None
+    hidden: int | None = None
     validation: float = 0.1
     seed: int = 0
     log: Literal["tensorboard", "wandb", "trackio"] | None = None
@@ -38,41 +45,47 @@ class Args:
 
 def run(args: Args) -> None:
     """Train and print the summary."""
+    from keycld_control.cli._declared import declared
     from keycld_control.runs.watching import watching
-    from keycld_envs import resolve_env_id, system_of
+    from keycld_envs import system_of
     from keycld_envs.errors import InputError
-    from keycld_envs.mechanism import Mechanism
-    from keycld_envs.reading import read_json
     from keycld_envs.recordings import read_dataset
+    from keycld_envs.recordings.weaknesses import weaknesses
     from keycld_envs.registration import same_system
     from keycld_model.config import ModelConfig
-    from keycld_model.training import PRESETS, train
+    from keycld_model.training import PRESETS, Preset, train
+    from keycld_model.training.presets import with_networks, with_rate
 
     if args.preset not in PRESETS:
         raise InputError(f"There is no preset {args.preset!r}; there are {', '.join(PRESETS)}.")
-    if args.system.endswith(".json"):
-        try:
-            mechanism = Mechanism.from_dict(read_json(args.system))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{args.system} is no readable mechanism declaration: {error}") from error
-        name = None
-    else:
-        name = resolve_env_id(args.system)
-        mechanism = system_of(name).mechanism
+    name, mechanism = declared(args.system)
     dataset = read_dataset(args.data)
     if name is not None and dataset.system is not None and not same_system(dataset.system, name):
         raise InputError(f"{args.data} records {dataset.system}, not {name}; name the system that was recorded.")
-    config = ModelConfig.of(dataset, mechanism, name, PRESETS[args.preset].networks)
+    recipe: str | Preset = args.preset
+    sizes = {key: size for key in ("width", "hidden") if (size := getattr(args, key)) is not None}
+    if sizes or args.learning_rate_scale != 1:
+        recipe = with_rate(with_networks(PRESETS[args.preset], **sizes), args.learning_rate_scale)
+    networks = recipe.networks if isinstance(recipe, Preset) else PRESETS[recipe].networks
+    config = ModelConfig.of(dataset, mechanism, name, networks)
+    weak = []
+
+    def mind() -> None:
+        for sentence in weaknesses(dataset, None if name is None else system_of(name)):
+            print(f"keycld: mind: {sentence}", file=sys.stderr, flush=True)
+            weak.append(sentence)
+
     about = {"system": args.system, "preset": args.preset, "seed": args.seed, "data": str(args.data)}
     steps = PRESETS[args.preset].steps
     with watching(args.out, about, args.log, steps, lambda: dataset.split(args.validation)[1]) as watchers:
-        result = train(dataset, config, args.out, args.preset, args.seed, args.validation, watchers)
+        result = train(dataset, config, args.out, recipe, args.seed, args.validation, watchers=watchers, on_start=mind)
     summary = {
         "system": name,
         "checkpoint": str(result.folder),
         "steps": result.steps,
         "seconds": round(result.seconds, 1),
         "validation_vpt": result.validation_vpt,
+        "weaknesses": weak,
         "seed": args.seed,
     }
     print_result(summary, as_json=args.json)

@@ -3,15 +3,23 @@
 import copy
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.checks import check_camera
+from keycld_envs.checks import (
+    check_action_limit,
+    check_camera,
+    check_choice,
+    check_number,
+    finite_vector,
+    several,
+    short,
+)
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
 from keycld_envs.mjcf import check_step, refused
@@ -37,6 +45,12 @@ class Joint:
     kind: Literal["hinge", "slide"]
     start_range: tuple[float, float]
 
+    def __post_init__(self) -> None:
+        check_choice(f"kind of joint {self.name!r}", self.kind, tuple(_KINDS))
+        low, high = finite_vector(f"start_range of joint {self.name!r}", self.start_range, 2)
+        if low > high:
+            raise InputError(f"start_range of joint {self.name!r} runs from {low:g} down to {high:g}; swap them.")
+
 
 @dataclass(frozen=True)
 class Landmark:
@@ -54,6 +68,9 @@ class Landmark:
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mass_position: tuple[float, float, float] | None = None
 
+    def __post_init__(self) -> None:
+        finite_vector(f"position of the landmark on {self.body!r}", self.position, 3)
+
 
 @dataclass(frozen=True)
 class Tolerance:
@@ -70,6 +87,10 @@ class Tolerance:
     position: float = 0.1
     velocity: float = 0.5
     duration: float = 1.0
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            check_number(f"{each.name} of the tolerance", getattr(self, each.name), 0.0, 1e6)
 
 
 @dataclass(frozen=True)
@@ -129,6 +150,24 @@ class System:
     weak_limit: float | None = None
     start: Start = "random"
     tolerance: Tolerance = Tolerance()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"name of a System must be a text such as 'my_arm', got {short(self.name)}.")
+        if not isinstance(self.mjcf, str | Path):
+            raise InputError(f"mjcf of system {self.name!r} must be an MJCF text or a Path, got {short(self.mjcf)}.")
+        if not isinstance(self.mechanism, Mechanism):
+            raise InputError(f"mechanism of system {self.name!r} must be a Mechanism, got {short(self.mechanism)}.")
+        for name, kind in (("joints", Joint), ("actuators", str), ("landmarks", Landmark)):
+            object.__setattr__(self, name, several(name, getattr(self, name), kind))
+        for name in ("target_qpos", "hanging_qpos"):
+            size = len(value) if isinstance(value := getattr(self, name), tuple | list) else len(self.joints)
+            finite_vector(f"{name} of system {self.name!r}", value, size)
+        check_number(f"timestep of system {self.name!r}", self.timestep, 0.0, 10.0)
+        check_choice(f"start of system {self.name!r}", self.start, get_args(Start))
+        for limit in (self.action_limit, self.weak_limit):
+            if limit is not None:
+                check_action_limit(limit)
 
     def compile(self) -> mujoco.MjModel:
         """A new model from the MJCF, checked against the declaration.

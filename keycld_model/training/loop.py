@@ -5,15 +5,13 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field
-from functools import partial
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 
 from keycld_envs.errors import InputError
 from keycld_envs.files import one_writer
@@ -27,7 +25,8 @@ from keycld_model.training import log
 from keycld_model.training.data import TrainingData
 from keycld_model.training.presets import PRESETS, Preset
 from keycld_model.training.sharding import Devices
-from keycld_model.training.stage import Batch, Stage, Variables, model_parameters
+from keycld_model.training.stage import Stage, Variables, model_parameters
+from keycld_model.training.step import make_step
 from keycld_model.training.watch import Watcher
 from keycld_model.world_model import WorldModel
 
@@ -43,8 +42,16 @@ PLACES = ("rod_scale", "lean")
 """Variables that are not zero while masses lie elsewhere than the keypoints."""
 
 
+SMALLER, TRIES = 0.25, 3
+"""Factor on the learning rate each time that a stage which turned non-finite begins anew, and how often it does."""
+
+
 class TrainingError(InputError):
     """Training cannot go on; the message says what to change. What was saved is intact."""
+
+
+class _Diverged(TrainingError):
+    """Something is no longer finite; smaller steps may help."""
 
 
 @dataclass(frozen=True)
@@ -75,25 +82,29 @@ def train(
     validation: float = 0.1,
     watchers: Sequence[Watcher] = (),
     start: Parameters | None = None,
+    on_start: Callable[[], None] = lambda: None,
 ) -> TrainingResult:
     """Train a world model; a run that was interrupted continues where it stopped, with the same result.
+
+    A stage whose loss or variables turn non-finite begins anew with a quarter of its learning rate, up to three times.
 
     Args:
         dataset: recordings; every tenth is held out for validation by default.
         config: mechanism, frame interval, image size, networks (`preset.networks` unless you change them).
         out: folder for the checkpoint, `log.jsonl`, and the state of an unfinished run (`state/`).
         preset: recipe, or its name.
-        seed: seed of initialisation and batches.
+        seed: of initialisation and batches.
         validation: fraction of recordings held out.
         watchers: told of every line of the log and every checkpoint.
         start: parameters to begin with, of a model that is to be tuned; its masses lie at its keypoints.
+        on_start: called when everything has been checked, before the first step.
 
     Returns:
         The trained model and its score.
 
     Raises:
         InputError: if the data do not fit, or `out` holds another run.
-        TrainingError: if the loss is no longer finite, or the keypoints collapse to a constant.
+        TrainingError: if the loss is not finite with smaller steps either, or the keypoints collapse to a constant.
     """
     name, recipe = _recipe(preset)
     if seed < 0:
@@ -102,9 +113,7 @@ def train(
         raise InputError(f"validation is {validation:g}; it must lie between 0 and 1.")
     if Path(out).exists() and not Path(out).is_dir():
         raise InputError(f"{out} is a file; name a folder.")
-    held_in, held_out = dataset.split(validation)
-    data = TrainingData.from_dataset(held_in, recipe.length)
-    test = TrainingData.from_dataset(held_out, recipe.length)
+    data, test = (TrainingData.from_dataset(part, recipe.length) for part in dataset.split(validation))
     _check(data, config, dataset)
     meta = {
         "config": config.to_dict(),
@@ -115,6 +124,7 @@ def train(
         "validation": validation,
         "data": _origin(dataset),
     }
+    on_start()
     run = _Run(Path(out), Parts(config), recipe, data, test, seed, json.loads(json.dumps(meta)), watchers, start)
     return run.finish()
 
@@ -169,6 +179,8 @@ class _Run:
     watchers: Sequence[Watcher] = ()
     start: Parameters | None = None
     devices: Devices = field(default_factory=Devices)
+    smaller: int = 0
+    """Times that the stage at hand has begun anew."""
 
     def finish(self) -> TrainingResult:
         """Run or resume to the end; of several processes, the first one writes."""
@@ -184,8 +196,8 @@ class _Run:
             advance(total)
             for index in range(stage, len(self.preset.stages)):
                 started = time.perf_counter()
-                variables = self._stage(index, done, seconds, variables, optimiser, advance)
-                done, optimiser = 0, None
+                variables = self._finite_stage(index, done, seconds, variables, optimiser, advance)
+                done, optimiser, self.smaller = 0, None, 0
                 score = self._score(variables)
                 seconds += time.perf_counter() - started
                 step = sum(s.steps for s in self.preset.stages[: index + 1])
@@ -230,6 +242,7 @@ class _Run:
             )
         if self.devices.first:
             log.rewind(self.folder, meta["step"])
+        self.smaller = int(meta.get("smaller", 0))
         variables = jax.tree.map(jnp.asarray, tensors["variables"])
         return int(stage), int(done), meta["seconds"], variables, tensors.get("optimiser")
 
@@ -253,7 +266,7 @@ class _Run:
         if optimiser is not None:
             tensors["optimiser"] = {f"{i:04d}": leaf for i, leaf in enumerate(jax.tree.leaves(optimiser))}
         step = sum(s.steps for s in self.preset.stages[:stage]) + done
-        position = {"stage": stage, "done": done, "step": step, "seconds": seconds}
+        position = {"stage": stage, "done": done, "step": step, "seconds": seconds, "smaller": self.smaller}
         write_checkpoint(self.folder / STATE, tensors, {**self.meta, **position})
         here = jax.tree.map(np.asarray, model_parameters(variables))  # what one process may reckon with alone
         self._show(self._model.with_parameters(here), finished=False)
@@ -262,10 +275,27 @@ class _Run:
         for watcher in self.watchers:
             watcher.saved(model, finished=finished)
 
+    def _finite_stage(
+        self, index: int, done: int, seconds: float, variables: Variables, saved: Any, advance: Callable[..., None]
+    ) -> Variables:
+        """Run a stage from where it stands; with smaller steps if it turns non-finite."""
+        step = sum(s.steps for s in self.preset.stages[:index]) + done
+        while True:
+            try:
+                return self._stage(index, done, seconds, variables, saved, advance)
+            except _Diverged:
+                if self.smaller == TRIES:
+                    raise
+                self.smaller += 1
+                if self.devices.first:
+                    log.rewind(self.folder, step)
+                self._log({"step": step, "stage": self.preset.stages[index].name, "smaller_steps": self.smaller})
+
     def _stage(
         self, index: int, done: int, seconds: float, variables: Variables, saved: Any, advance: Callable[..., None]
     ) -> Variables:
         stage, started = self.preset.stages[index], time.perf_counter()
+        stage = replace(stage, learning_rate=stage.learning_rate * SMALLER**self.smaller)
         if saved is None:
             variables = stage.enter(self.parts, variables, self.data)
         context = stage.prepare(self.parts, variables, self.data)
@@ -302,10 +332,10 @@ class _Run:
         numbers = {key: np.asarray(value) for key, value in metrics.items()}
         leaves = [numbers["loss"], *jax.tree.leaves(trained)]
         if not all(np.isfinite(leaf).all() for leaf in leaves):
-            raise TrainingError(
-                f"The loss or what is learned is not finite in stage {stage.name!r} at step {done} of {stage.steps}; "
-                f"lower the learning rate ({stage.learning_rate:g}) or try another --seed. {self.folder / STATE} holds "
-                "the last good state."
+            raise _Diverged(
+                f"The loss or what is learned is not finite in stage {stage.name!r} at step {done} of {stage.steps}, "
+                f"with a learning rate of {stage.learning_rate:g} either; try --learning-rate-scale 0.1 or another "
+                f"--seed ({self.folder / STATE} holds the last good state)."
             )
         return {key: value.round(6).tolist() for key, value in numbers.items()}
 
@@ -332,22 +362,3 @@ class _Run:
         model = self._model.with_parameters(model_parameters(variables))
         errors = prediction_errors(model, self.test.frames, self.test.actions, refine=refine)
         return float(np.mean(valid_frames(errors, self._epsilon)) / self.test.length)
-
-
-def make_step(
-    parts: Parts, stage: Stage, optimiser: optax.GradientTransformation, devices: Devices | None = None
-) -> Callable[..., Any]:
-    """The pure step (trained, frozen, optimiser state, batch) -> (trained, optimiser state, metrics), compiled."""
-
-    def loss(trained: Variables, frozen: Variables, batch: Batch) -> tuple[jax.Array, dict[str, jax.Array]]:
-        return stage.loss(parts, {**frozen, **trained}, batch)
-
-    everywhere = None if devices is None else devices.everywhere
-
-    @partial(jax.jit, **({} if everywhere is None else {"out_shardings": everywhere}))
-    def step(trained: Variables, frozen: Variables, state: Any, batch: Batch) -> tuple[Any, Any, dict[str, Any]]:
-        (value, metrics), gradient = jax.value_and_grad(loss, has_aux=True)(trained, frozen, batch)
-        updates, state = optimiser.update(gradient, state, trained)
-        return optax.apply_updates(trained, updates), state, {"loss": value, **metrics}
-
-    return step

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+from keycld_envs.checks import check_number
 from keycld_model.config import PAPER_NETWORKS, NetworkConfig
 from keycld_model.training.discover import Discover
 from keycld_model.training.distil import Distil
@@ -70,6 +71,12 @@ def with_networks(preset: Preset, **changes: Any) -> Preset:
     """The same recipe for other networks; where few numbers no longer describe the motion, gradient descent fits it."""
     changed = replace(preset, networks=replace(preset.networks, **changes))
     return changed if changed.networks.identifiable else by_gradient_descent(changed)
+
+
+def with_rate(preset: Preset, scale: float) -> Preset:
+    """The same recipe with all learning rates multiplied by `scale`."""
+    check_number("learning_rate_scale", scale, 0.0, 1e6)
+    return replace(preset, stages=tuple(replace(s, learning_rate=scale * s.learning_rate) for s in preset.stages))
 
 
 def by_gradient_descent(preset: Preset) -> Preset:

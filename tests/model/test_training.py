@@ -268,12 +268,41 @@ def test_a_loss_that_is_not_finite_leaves_the_saved_state_intact(tmp_path, monke
         return stepping
 
     monkeypatch.setattr(loop, "make_step", make_step)
-    with pytest.raises(TrainingError, match=r"finite.*step 3 of 12.*learning rate \(1e\+06\)"):
+    with pytest.raises(TrainingError, match=r"finite.*step 3 of 12.*learning rate of 15625 "):
         train(dataset(), CONFIG, tmp_path, wild)
     tensors, meta = read_checkpoint(tmp_path / "state")
     assert meta["done"] == 2
     assert all(np.isfinite(leaf).all() for leaf in flatten(tensors["variables"]).values())
-    assert all(np.isfinite(entry["loss"]) for entry in log_of(tmp_path))
+    assert all(np.isfinite(entry["loss"]) for entry in log_of(tmp_path) if "loss" in entry)
+
+
+@pytest.mark.slow
+def test_a_stage_that_turns_non_finite_begins_anew_with_smaller_steps(tmp_path, monkeypatch):
+    explode, rates = loop.make_step, []
+
+    def make_step(parts, stage, optimiser, devices=None):
+        rates.append(stage.learning_rate)
+        step = explode(parts, stage, optimiser)
+
+        def stepping(trained, frozen, state, batch):
+            trained, state, metrics = step(trained, frozen, state, batch)
+            if len(rates) == 2 and int(state[-1][-1].count) == 3:  # in the second stage, the first time
+                trained = jax.tree.map(lambda a: a * jnp.nan, trained)
+            return trained, state, metrics
+
+        return stepping
+
+    monkeypatch.setattr(loop, "make_step", make_step)
+    two = replace(TINY, stages=(*SHORT.stages, replace(SHORT.stages[0], name="again", steps=4)))
+    train(dataset(), CONFIG, tmp_path / "once", two)
+    assert rates == [1e-3, 1e-3, 0.25e-3]
+    entries = [e for e in log_of(tmp_path / "once") if e["stage"] == "again" and "loss" in e]
+    assert [e["step"] for e in entries] == [7, 8, 9, 10]
+    smaller = replace(two, stages=(two.stages[0], replace(two.stages[1], learning_rate=0.25e-3)))
+    monkeypatch.setattr(loop, "make_step", explode)
+    train(dataset(), CONFIG, tmp_path / "small", smaller)
+    expected = [e["loss"] for e in log_of(tmp_path / "small") if e["stage"] == "again" and "loss" in e]
+    assert [e["loss"] for e in entries] == expected  # nothing of the first attempt is left
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from scipy import io
 
 from keycld_control.cli import main
 from keycld_envs.errors import InputError
-from keycld_envs.recordings import read_recording
+from keycld_envs.recordings import read_dataset, read_recording
 from keycld_envs.recordings.importers import (
     Columns,
     Table,
@@ -295,3 +295,26 @@ def test_a_speed_with_gaps_is_not_added_up() -> None:
     table = Table(Path("log.csv"), {"t": np.arange(3.0), "v": np.array([1, np.nan, 1])}, (2, 3, 4))
     with pytest.raises(InputError, match=r"log.csv, line 3: a speed is missing"):
         assemble(table, Columns("t", {"hinge": "v"}, units={"v": "rpm"}), "id")
+
+
+def test_several_logs_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for i in range(3):
+        rows = "".join(f"{0.1 * k},{i + k}\n" for k in range(4))
+        (tmp_path / f"log-{i}.csv").write_text("t,angle\n" + rows)
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "log-0.csv").write_text("t,angle\n0,0\n1,1\n")
+    (tmp_path / "bad.csv").write_text("t,angel\n0,0\n1,1\n")
+    logs, out = [str(tmp_path / f"log-{i}.csv") for i in range(3)], tmp_path / "data"
+    words = ["--out", str(out), "--time", "t", "--joint", "hinge=angle"]
+    for other, said in (("bad.csv", "angle"), ("more/log-0.csv", "Several files")):
+        assert main(["import", *logs, str(tmp_path / other), *words]) == 2
+        assert said in capsys.readouterr().err
+        assert not out.exists()  # all or none
+    assert main(["import", *logs, *words, "--json"]) == 0
+    assert [r["samples"] for r in json.loads(capsys.readouterr().out)["recordings"]] == [4, 4, 4]
+    read = read_dataset(out)
+    assert [r.id for r in read.recordings] == ["log-0", "log-1", "log-2"]
+    for i, recording in enumerate(read.recordings):
+        assert recording.qpos is not None and recording.qpos[:, 0].tolist() == [i, i + 1, i + 2, i + 3]
+    assert main(["import", *logs, *words]) == 2
+    assert "exists" in capsys.readouterr().err

@@ -16,7 +16,7 @@ from keycld_model.config import ModelConfig
 from keycld_model.modules import Parts
 from keycld_model.training import PRESETS, TrainingData
 from keycld_model.training.log import NAME
-from keycld_model.training.loop import make_step
+from keycld_model.training.step import make_step
 
 STEPS = 5
 """That are timed, after one that compiles; the median counts."""

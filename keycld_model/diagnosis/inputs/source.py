@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import gymnasium as gym
 import mujoco
 
 from keycld_envs.errors import InputError
 from keycld_envs.mjcf import check_step, refused
 from keycld_envs.reading import JSON_SHARE, check_file
-from keycld_envs.registration import resolve_env_id
+from keycld_envs.registration import make, resolve_env_id
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class Source:
             InputError: if there is none of that name, or it has no such model.
         """
         env_id = resolve_env_id(name)
-        env = gym.make(env_id).unwrapped
+        env = make(env_id).unwrapped
         model = getattr(env, "model", None)
         if not isinstance(model, mujoco.MjModel):
             raise InputError(f"The environment {env_id} has no MuJoCo model; name another, or an MJCF file by --mjcf.")

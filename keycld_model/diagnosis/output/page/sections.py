@@ -246,8 +246,8 @@ def code(evidence: Evidence, environment: str | None, corrected: str | None) -> 
     moving = [e for e in evidence.effects if not e.observes and spelled_out(e)]
     blocks = []
     if environment is not None and moving:
-        lines = ["import gymnasium as gym", "import keycld_envs", _import(moving), ""]
-        lines += [f"env = gym.make({json.dumps(environment)}, effects=[{', '.join(map(call, moving))}])"]
+        lines = ["import keycld_envs", _import(moving), ""]
+        lines += [f"env = keycld_envs.make({json.dumps(environment)}, effects=[{', '.join(map(call, moving))}])"]
         blocks.append(
             Block("The environment with the physics that it lacks, its masses and lengths as they were.", lines)
         )

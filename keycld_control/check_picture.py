@@ -1,0 +1,136 @@
+"""What `keycld check` draws: a mechanism's keypoints, rods and sliders on what its camera sees."""
+
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from keycld_envs.env import KeyCLDEnv
+from keycld_envs.files import atomic_file
+from keycld_envs.inspection.constraints import values
+from keycld_envs.inspection.poses import SIDE, Poses
+from keycld_envs.mechanism import Mechanism
+from keycld_envs.recordings import Dataset
+from keycld_envs.recordings.crop import moving_box
+
+PANEL, GAP, LINE = 384, 4, 18
+"""Width and height of a panel, what is left between panels, height of a line of text, pixels."""
+RANDOM = 2
+"""Random poses that are drawn beside target and rest."""
+KEYPOINT, ROD, RAIL, INK, GROUND = "#ffd23f", "#4fd1c5", "#ff8c42", "#c8cdd3", "#15191e"
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One image and what is drawn on it.
+
+    Attributes:
+        title: what it shows.
+        image: [H, W, 3] uint8.
+        keypoints: [K, 2] image units; NaN for those that are not known.
+        lines: of text below.
+        bare: nothing is drawn on it.
+    """
+
+    title: str
+    image: NDArray[np.uint8]
+    keypoints: NDArray[np.float64]
+    lines: tuple[str, ...] = ()
+    bare: bool = False
+
+
+def panels(poses: Poses) -> tuple[list[Panel], list[NDArray[np.uint8]]]:
+    """Target, rest and random poses for people, and images of the model's size of many more.
+
+    Raises:
+        InputError: if no OpenGL can be opened.
+    """
+    system, shown = poses.system, [len(poses.qpos) - 2, len(poses.qpos) - 1, *range(RANDOM)]
+    titles = ["target", "hanging", *(f"random {i + 1}" for i in range(RANDOM))]
+    found = []
+    with closing(KeyCLDEnv(system)) as env:
+        for index, title in zip(shown, titles, strict=True):
+            keypoints = np.where(poses.depths[index, :, None] > 0, poses.keypoints[index], np.nan)
+            image = env.render_qpos(poses.qpos[index], width=PANEL, height=PANEL)
+            found.append(Panel(title, image, keypoints, _lines(system.mechanism, keypoints)))
+        small = [env.render_qpos(qpos, width=SIDE, height=SIDE) for qpos in poses.qpos[:16]]
+    seen = np.repeat(np.repeat(small[0], PANEL // SIDE, axis=0), PANEL // SIDE, axis=1)
+    nowhere = np.full_like(poses.keypoints[0], np.nan)
+    return [*found, Panel(f"random 1 as the model sees it, {SIDE} x {SIDE}", seen, nowhere, bare=True)], small
+
+
+def recorded_panels(dataset: Dataset, mechanism: Mechanism) -> list[Panel]:
+    """The first frame of four recordings, with the pivot and the box in which something moves."""
+    data = dataset.sequences()
+    height, width = data.frames.shape[2:4]
+    box = moving_box(data.frames.reshape(-1, height, width, 3))
+    found = []
+    for index in np.linspace(0, len(data.frames) - 1, min(4, len(data.frames))).astype(int):
+        image = Image.fromarray(data.frames[index, 0])
+        if box is not None:
+            ImageDraw.Draw(image).rectangle((box[0], box[1], box[2] - 1, box[3] - 1), outline=KEYPOINT)
+        title = f"{dataset.recordings[index].id}, {width} x {height}"
+        found.append(Panel(title, np.asarray(image), np.full((mechanism.num_keypoints, 2), np.nan)))
+    return found
+
+
+def draw(path: Path, mechanism: Mechanism, drawn: Sequence[Panel]) -> None:
+    """Write the panels side by side.
+
+    Args:
+        path: picture to write, of a kind that its ending tells.
+        mechanism: the declaration.
+        drawn: from left to right.
+    """
+    height = PANEL + LINE * (1 + max(len(panel.lines) for panel in drawn)) + 8
+    sheet = Image.new("RGB", (PANEL * len(drawn), height), GROUND)
+    for column, panel in enumerate(drawn):
+        sheet.paste(_panel(mechanism, panel, height), (column * PANEL, 0))
+    with atomic_file(path) as file:
+        sheet.save(file, format=Image.registered_extensions()[path.suffix.lower()])
+
+
+def _lines(mechanism: Mechanism, keypoints: NDArray[np.float64]) -> tuple[str, ...]:
+    """Every constraint's value in one pose."""
+    return tuple(f"{value.name}: {value.least:.3f}" for value in values(mechanism, keypoints[None]))
+
+
+def _place(point: NDArray[np.float64]) -> tuple[float, float]:
+    """Column and row in a panel, of a point in image units."""
+    column, row = (np.array([1 + point[0], 1 - point[1]]) / 2 * (PANEL - GAP - 1)).clip(-1e4, 1e4)
+    return float(column), float(row)
+
+
+def _panel(mechanism: Mechanism, panel: Panel, height: int) -> Image.Image:
+    sheet = Image.new("RGB", (PANEL, height), GROUND)
+    picture = Image.fromarray(panel.image).resize((PANEL - GAP, PANEL - GAP))
+    if not panel.bare:
+        _overlay(mechanism, panel.keypoints, ImageDraw.Draw(picture))
+    sheet.paste(picture, (0, 0))
+    text = ImageDraw.Draw(sheet)
+    for row, line in enumerate((panel.title, *panel.lines)):
+        text.text((6, PANEL + 4 + LINE * row), line, INK, ImageFont.load_default(13))
+    return sheet
+
+
+def _overlay(mechanism: Mechanism, keypoints: NDArray[np.float64], pen: ImageDraw.ImageDraw) -> None:
+    """Draw rails, rods, pivot and keypoints."""
+    pivot, font = np.array(mechanism.pivot), ImageFont.load_default(16)
+    for slider in mechanism.sliders:
+        along = np.array([slider.normal[1], -slider.normal[0]]) / np.linalg.norm(slider.normal) * 3
+        pen.line([_place(pivot - along), _place(pivot + along)], RAIL, 2)
+    for rod in mechanism.rods:
+        ends = [pivot if rod.start is None else keypoints[rod.start], keypoints[rod.end]]
+        if np.isfinite(ends).all():
+            pen.line([_place(end) for end in ends], ROD, 3)
+    if any(rod.start is None for rod in mechanism.rods) or mechanism.sliders:
+        pen.regular_polygon((*_place(pivot), 6), 3, fill=INK)
+    for k, point in enumerate(keypoints):
+        if np.isfinite(point).all():
+            x, y = _place(point)
+            pen.ellipse((x - 6, y - 6, x + 6, y + 6), outline=KEYPOINT, width=3)
+            pen.text((x + 9, y - 9), str(k), KEYPOINT, font, stroke_width=2, stroke_fill=GROUND)

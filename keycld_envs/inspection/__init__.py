@@ -1,0 +1,102 @@
+"""Is a mechanism declared as it is simulated and seen? What `keycld check` finds before anything is recorded."""
+
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from keycld_envs.inspection import camera, constraints, motion
+from keycld_envs.inspection.constraints import Value
+from keycld_envs.inspection.motion import Actuator, Speed
+from keycld_envs.inspection.poses import Poses
+from keycld_envs.systems import System
+
+POSES = 200
+TOUCHING = 0.05
+"""Fraction of random poses in which bodies may touch before it is said that no model here knows contact."""
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What was found.
+
+    Attributes:
+        poses: what was looked at.
+        constraints: rods and sliders over all poses.
+        in_view: [K] fraction of random poses in which each keypoint is in the image.
+        actuators: what each does.
+        speed: of episodes as they are recorded by default; None if problems came first.
+        problems: what has to be mended, a sentence each.
+        warnings: what to mind when recording, a sentence each.
+    """
+
+    poses: Poses
+    constraints: tuple[Value, ...]
+    in_view: tuple[float, ...]
+    actuators: tuple[Actuator, ...] = ()
+    speed: Speed | None = None
+    problems: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = field(default=())
+
+
+def inspect(system: System, seed: int = 0) -> Inspection:
+    """Move a system through random poses and short runs, and compare what it does with what is declared.
+
+    What follows from another problem is not reported: motion is looked at when geometry is right.
+
+    Args:
+        system: the declaration.
+        seed: of poses and runs.
+
+    Raises:
+        InputError: if it does not compile, or the simulation diverges.
+    """
+    model = system.compile()
+    poses = Poses.of(system, model, POSES, seed)
+    values = constraints.values(system.mechanism, poses.keypoints)
+    seen = tuple(map(float, camera.in_view(poses)))
+    wrong = tuple(_ranges(system, model)) or tuple(camera.problems(poses)) or tuple(constraints.problems(poses))
+    if wrong:
+        return Inspection(poses, values, seen, problems=wrong)
+    actuators = motion.actuators(system, poses)
+    wrong = tuple(motion.problems(system, poses, actuators))
+    usual = motion.speed(system, seed)
+    minded = (*motion.advice(system, seed, usual), *_contacts(poses))
+    return Inspection(poses, values, seen, actuators, usual, wrong, minded)
+
+
+def _ranges(system: System, model: mujoco.MjModel) -> list[str]:
+    """Starts and targets outside the range of their joints."""
+    found = []
+    for i in np.flatnonzero(model.jnt_limited):
+        low, high = model.jnt_range[i]
+        joint = system.joints[i]
+        named = {
+            "start_range": joint.start_range,
+            "target_qpos": system.target_qpos[i : i + 1],
+            "hanging_qpos": system.hanging_qpos[i : i + 1],
+        }
+        for name, numbers in named.items():
+            if min(numbers) < low - 1e-9 or max(numbers) > high + 1e-9:
+                found.append(
+                    f"{name} of joint {joint.name!r} lies outside its range in the MJCF, {low:.3g} to {high:.3g}; "
+                    "change one of them."
+                )
+    return found[:1]
+
+
+def _contacts(poses: Poses) -> list[str]:
+    """Bodies that touch, which no world model knows of."""
+    model, data, touching = poses.model, mujoco.MjData(poses.model), []
+    for qpos in poses.qpos:
+        data.qpos[:] = qpos
+        mujoco.mj_forward(model, data)
+        touching.append([tuple(model.geom_bodyid[c.geom]) for c in data.contact[: data.ncon] if c.dist <= 0])
+    often = np.mean([bool(pairs) for pairs in touching])
+    if often <= TOUCHING:
+        return []
+    one, other = (model.body(int(b)).name for b in next(pairs[0] for pairs in touching if pairs))
+    return [
+        f"Bodies {one!r} and {other!r} touch in {100 * often:.0f} % of random poses, which no world model knows of; "
+        'move them apart, or write <flag contact="disable"/> within <option>.'
+    ]

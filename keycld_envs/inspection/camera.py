@@ -1,0 +1,103 @@
+"""Whether the camera sees the keypoints, from in front, and at right angles to the plane of motion."""
+
+from collections.abc import Iterator, Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.inspection.poses import PIXEL, Poses
+
+IN_VIEW = 0.95
+"""Fraction of random poses in which each keypoint has to be in the image."""
+FLAT = 0.02
+"""Of the distance to the camera, by which a keypoint may move towards it."""
+STILL = 0.5 * PIXEL
+"""Image units; what moves less over random poses stays where it is."""
+VISIBLE = 12
+"""Levels of 255 by which some pixel has to change between poses."""
+
+
+def in_view(poses: Poses) -> NDArray[np.float64]:
+    """[K] fraction of the random poses in which each keypoint is in the image."""
+    return ((np.abs(poses.keypoints[:-2]) <= 1).all(axis=2) & (poses.depths[:-2] > 0)).mean(axis=0)
+
+
+def problems(poses: Poses) -> Iterator[str]:
+    """What is wrong with camera and landmarks, a sentence each."""
+    system, name = poses.system, poses.system.camera
+    if behind := [int(k) for k in np.flatnonzero((poses.depths <= 0).any(axis=0))]:
+        yield f"{poses.named(behind[0]).capitalize()} is behind the camera {name!r}; turn the camera, or move it back."
+        return
+    far = np.ptp(poses.depths, axis=0) / poses.depths.mean(axis=0)
+    if far.max() > FLAT:
+        yield (
+            f"{poses.named(int(far.argmax())).capitalize()} moves towards the camera {name!r} by "
+            f"{np.ptp(poses.depths, axis=0).max():.2g} m; look along the normal of the plane of motion, "
+            'for joints with axis="0 1 0" zaxis="0 -1 0".'
+        )
+        return
+    still = [k for k in range(len(far)) if np.ptp(poses.keypoints[:, k], axis=0).max() < STILL]
+    if still:
+        yield (
+            f"{poses.named(still[0]).capitalize()} never moves; put its landmark on a body that moves, away from its "
+            "joint."
+        )
+        return
+    yield from _outside(poses)
+    yield from _coinciding(poses)
+    mass = _hidden_mass(poses)
+    if mass is not None:
+        yield f"Body {mass!r} moves behind the camera {name!r} of system {system.name!r}; move the camera back."
+
+
+def _outside(poses: Poses) -> Iterator[str]:
+    """Keypoints that leave the image."""
+    seen, name = in_view(poses), poses.system.camera
+    reach = np.abs(poses.keypoints).max()
+    if (seen == 0).all():
+        yield f"The camera {name!r} sees no keypoint in any random pose; turn it towards the mechanism."
+    elif seen.min() < IN_VIEW:
+        yield (
+            f"{poses.named(int(seen.argmin())).capitalize()} is out of the image of camera {name!r} in "
+            f"{100 - 100 * seen.min():.0f} % of random poses; move the camera {reach:.1f} times as far away, or narrow "
+            "start_range."
+        )
+    else:
+        for pose, what in ((-2, "target_qpos"), (-1, "hanging_qpos")):
+            if (np.abs(poses.keypoints[pose]) > 1).any():
+                k = int(np.abs(poses.keypoints[pose]).max(axis=1).argmax())
+                yield (
+                    f"{poses.named(k).capitalize()} is out of the image at {what}; move the camera "
+                    f"{np.abs(poses.keypoints[pose]).max():.1f} times as far away, or change {what}."
+                )
+
+
+def _coinciding(poses: Poses) -> Iterator[str]:
+    """Two keypoints that are always at one place."""
+    for one in range(poses.keypoints.shape[1]):
+        for other in range(one):
+            if np.abs(poses.keypoints[:, one] - poses.keypoints[:, other]).max() < STILL:
+                yield (
+                    f"Keypoints {other} and {one} are always at the same place; give the landmark of one another "
+                    "position, or leave it out."
+                )
+                return
+
+
+def _hidden_mass(poses: Poses) -> str | None:
+    """A body with a mass that is behind the camera in some pose."""
+    model, data = poses.model, mujoco.MjData(poses.model)
+    camera = model.camera(poses.system.camera).id
+    for qpos in poses.qpos[-32:]:
+        data.qpos[:] = qpos
+        mujoco.mj_forward(model, data)
+        depth = -(data.xipos - data.cam_xpos[camera]) @ data.cam_xmat[camera].reshape(3, 3)[:, 2]
+        if hidden := [body for body in range(1, model.nbody) if model.body_mass[body] > 0 and depth[body] <= 0]:
+            return model.body(hidden[0]).name
+    return None
+
+
+def sees_nothing(images: Sequence[NDArray[np.uint8]]) -> bool:
+    """Whether images [H, W, 3] of different poses are alike."""
+    return bool(np.ptp(np.stack(images), axis=0).max() < VISIBLE)

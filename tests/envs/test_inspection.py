@@ -1,0 +1,119 @@
+"""What `keycld check` measures and `keycld new --mjcf` proposes, against mechanisms whose truth is known."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from keycld_envs import SYSTEMS, InputError, Joint, Rod, Slider, System
+from keycld_envs.inspection import inspect
+from keycld_envs.inspection.propose import proposal
+from keycld_envs.mechanism_file import read_system
+
+HEAD = """<mujoco><option timestep="0.005" integrator="RK4"><flag contact="disable"/></option><worldbody>
+<light pos="0 -3 3"/><camera name="side" pos="5 0 0" zaxis="1 0 0"/><camera name="front" pos="0 -6 0" zaxis="0 -1 0"/>
+"""
+TWO_POLES = f"""{HEAD}<body name="cart"><joint name="rail" type="slide" axis="1 0 0"/><geom type="box" size=".2 .1 .1"/>
+<body name="long"><joint name="long" axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 0 0 1.2" size=".06" mass=".2"/></body>
+<body name="short"><joint name="short" axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 0 0 .6" size=".06" mass=".1"/></body>
+</body></worldbody><actuator><motor name="push" joint="rail" gear="4" ctrllimited="true" ctrlrange="-3 3"/>
+<motor name="a" joint="long" ctrllimited="true" ctrlrange="-3 3"/>
+<motor name="b" joint="short" ctrllimited="true" ctrlrange="-3 3"/></actuator></mujoco>"""
+MOVING_PIVOT = f"""{HEAD}<body name="lift"><joint name="lift" type="slide" axis="0 0 1" range="-.5 .5" stiffness="40"/>
+<geom type="box" size=".15 .1 .1" mass="1"/><body name="pole"><joint name="hinge" axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 0 0 .9" size=".06" mass=".2"/></body></body></worldbody>
+<actuator><motor name="lift" joint="lift" gear="4" ctrllimited="true" ctrlrange="-3 3"/></actuator></mujoco>"""
+ARM = f"""{HEAD}<body name="upper" pos=".3 0 -.2"><joint name="shoulder" axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 0 0 .7" size=".07" mass="1.2"/><body name="lower" pos="0 0 .7">
+<joint name="elbow" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 .9" size=".06" mass=".8"/>
+<geom type="sphere" pos="0 0 .9" size=".12" mass=".6"/></body></body></worldbody>
+<actuator><motor name="elbow" joint="elbow" gear="2" ctrllimited="true" ctrlrange="-15 15"/></actuator></mujoco>"""
+SCALE = 64 / 63 / math.tan(math.radians(22.5)) / 6
+"""Image units per metre, of a camera 6 m away."""
+
+
+def proposed(folder: Path, mjcf: str) -> System:
+    (folder / "thing.xml").write_text(mjcf)
+    (folder / "thing.py").write_text(proposal(folder / "thing.xml", folder / "thing.py"))
+    return read_system(folder / "thing.py")
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_library_s_own_systems_fit_their_declaration(name: str) -> None:
+    found = inspect(SYSTEMS[name])
+    assert (found.problems, found.warnings, set(found.in_view)) == ((), (), {1.0})
+    assert all(value.constant for value in found.constraints)
+
+
+def test_a_cart_with_two_poles(tmp_path: Path) -> None:
+    system = proposed(tmp_path, TWO_POLES)
+    assert system.mechanism.rods == (Rod(0, 1), Rod(0, 2))
+    assert system.mechanism.sliders == (Slider(0, (0.0, 1.0)),)
+    assert system.camera == "front"
+    assert system.hanging_qpos == pytest.approx((0, math.pi, math.pi), abs=1e-3)
+    found = inspect(system)
+    assert found.problems == ()
+    lengths = [value.most for value in found.constraints[:2]]
+    assert lengths == pytest.approx([1.2 * SCALE, 0.6 * SCALE])
+    assert "--action-range" in found.warnings[0]  # 3 N m turn a pole of .6 m and .1 kg by 90 rad/s in half a second
+
+
+def test_a_pendulum_on_a_moving_pivot(tmp_path: Path) -> None:
+    system = proposed(tmp_path, MOVING_PIVOT)
+    assert system.mechanism.rods == (Rod(0, 1),)
+    assert abs(system.mechanism.sliders[0].normal[0]) == pytest.approx(1)
+    assert system.joints[0].start_range == (-0.5, 0.5)
+    assert system.hanging_qpos == pytest.approx((-1.2 * 9.81 / 40, math.pi), abs=1e-3)  # its weight on its spring
+    assert inspect(system).problems == ()
+
+
+def test_an_arm_with_a_payload(tmp_path: Path) -> None:
+    system = proposed(tmp_path, ARM)
+    assert system.mechanism.rods == (Rod(None, 0), Rod(0, 1))
+    assert system.mechanism.pivot == pytest.approx((0.3 * SCALE, -0.2 * SCALE), abs=1e-4)
+    assert [mark.position[2] for mark in system.landmarks] == [0.7, 0.9]
+    assert inspect(system).problems == ()
+
+
+def test_the_pivot_that_would_fit_is_named(tmp_path: Path) -> None:
+    system = proposed(tmp_path, ARM)
+    moved = replace(system, mechanism=replace(system.mechanism, pivot=(0.0, 0.0)))
+    assert f"pivot=({0.3 * SCALE:.3f}, {-0.2 * SCALE:.3f})" in inspect(moved).problems[0]
+
+
+def test_the_normal_that_would_fit_is_named(tmp_path: Path) -> None:
+    tilted = MOVING_PIVOT.replace('axis="0 0 1"', 'axis="3 0 4"')
+    system = proposed(tmp_path, tilted)
+    assert np.abs(system.mechanism.sliders[0].normal) == pytest.approx([0.8, 0.6], abs=1e-4)
+    level = replace(system, mechanism=replace(system.mechanism, sliders=(Slider(0),)))
+    assert "normal=(0.800, -0.600)" in inspect(level).problems[0]
+
+
+def test_a_target_that_motors_can_just_hold(tmp_path: Path) -> None:
+    system = replace(proposed(tmp_path, MOVING_PIVOT), target_qpos=(0.0, math.pi))
+    needed = 1.2 * 9.81 / 4  # the weight by the gear
+    assert inspect(replace(system, action_limit=1.01 * needed)).problems == ()
+    (problem,) = inspect(replace(system, action_limit=0.99 * needed)).problems
+    assert f"{needed:.3g}" in problem
+
+
+def test_documents_that_no_declaration_can_be_made_for(tmp_path: Path) -> None:
+    for mjcf, words in (
+        (TWO_POLES.split("<actuator>")[0].replace('name="rail"', "") + "</mujoco>", "joint 0 has no name"),
+        (TWO_POLES.replace(' name="push"', ""), "actuator 0 has no name"),
+        (TWO_POLES.replace(HEAD, "<mujoco><worldbody>"), "no camera"),
+        (TWO_POLES.replace('type="slide" axis="1 0 0"', 'type="free"'), "hinge and slide"),
+        ("<mujoco/>", "hinge and slide"),
+    ):
+        with pytest.raises(InputError, match=words):
+            proposed(tmp_path, mjcf)
+
+
+def test_joints_that_start_outside_the_image(tmp_path: Path) -> None:
+    system = proposed(tmp_path, TWO_POLES)
+    wide = replace(system, joints=(Joint("rail", "slide", (-4.0, 4.0)), *system.joints[1:]))
+    assert "out of the image" in inspect(wide).problems[0]
