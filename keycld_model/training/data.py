@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Dataset
+from keycld_model.config import ModelConfig
 
 SHORTEST = 8
 """Frames; fewer leave nothing to fit a motion to."""
@@ -66,3 +67,23 @@ class TrainingData:
         for sequence in self.frames:
             total += sequence.sum(axis=0, dtype=np.uint32)
         return (total / (255.0 * len(self.flat_frames))).astype(np.float32)
+
+
+def check_fits(data: TrainingData, config: ModelConfig, dataset: Dataset) -> None:
+    """Raise InputError if data are not of the size, actions and rate that a model is configured for."""
+    shape = data.frames.shape[2:4]
+    if shape != config.image_shape:
+        raise InputError(
+            f"{dataset.folder} has frames of {shape[1]}x{shape[0]} pixels, the model expects "
+            f"{config.image_shape[1]}x{config.image_shape[0]}; change image_shape or the data set."
+        )
+    if data.actions.shape[2] != config.mechanism.num_actions:
+        raise InputError(
+            f"{dataset.folder} has {data.actions.shape[2]} actions per frame, the mechanism has "
+            f"{config.mechanism.num_actions}; train with the system that was recorded."
+        )
+    if abs(data.timestep / config.timestep - 1) > 0.05:
+        raise InputError(
+            f"{dataset.folder} has a frame every {data.timestep:g} s, the model expects {config.timestep:g} s; "
+            "change timestep or the data set."
+        )

@@ -22,7 +22,7 @@ from keycld_model.config import ModelConfig
 from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, valid_frames
 from keycld_model.modules import Parameters, Parts
 from keycld_model.training import log
-from keycld_model.training.data import TrainingData
+from keycld_model.training.data import TrainingData, check_fits
 from keycld_model.training.presets import PRESETS, Preset
 from keycld_model.training.sharding import Devices
 from keycld_model.training.stage import Stage, Variables, model_parameters
@@ -40,8 +40,6 @@ CHECK_EVERY = 500
 STATE = "state"
 PLACES = ("rod_scale", "lean")
 """Variables that are not zero while masses lie elsewhere than the keypoints."""
-
-
 SMALLER, TRIES = 0.25, 3
 """Factor on the learning rate each time that a stage which turned non-finite begins anew, and how often it does."""
 
@@ -114,7 +112,7 @@ def train(
     if Path(out).exists() and not Path(out).is_dir():
         raise InputError(f"{out} is a file; name a folder.")
     data, test = (TrainingData.from_dataset(part, recipe.length) for part in dataset.split(validation))
-    _check(data, config, dataset)
+    check_fits(data, config, dataset)
     meta = {
         "config": config.to_dict(),
         "preset": name,
@@ -146,25 +144,6 @@ def _origin(dataset: Dataset) -> dict[str, Any]:
         "recordings": len(dataset),
         "seed": dataset.recordings[0].seed,
     }
-
-
-def _check(data: TrainingData, config: ModelConfig, dataset: Dataset) -> None:
-    shape = data.frames.shape[2:4]
-    if shape != config.image_shape:
-        raise InputError(
-            f"{dataset.folder} has frames of {shape[1]}x{shape[0]} pixels, the model expects "
-            f"{config.image_shape[1]}x{config.image_shape[0]}; change image_shape or the data set."
-        )
-    if data.actions.shape[2] != config.mechanism.num_actions:
-        raise InputError(
-            f"{dataset.folder} has {data.actions.shape[2]} actions per frame, the mechanism has "
-            f"{config.mechanism.num_actions}; train with the system that was recorded."
-        )
-    if abs(data.timestep / config.timestep - 1) > 0.05:
-        raise InputError(
-            f"{dataset.folder} has a frame every {data.timestep:g} s, the model expects {config.timestep:g} s; "
-            "change timestep or the data set."
-        )
 
 
 @dataclass

@@ -13,6 +13,7 @@ from PIL import Image
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_folder
 from keycld_envs.progress import Advance
+from keycld_envs.recordings.crop import moving_box
 from keycld_envs.recordings.recording import Recording
 from keycld_envs.recordings.storage import write_recording
 from keycld_envs.recordings.video import decode, frame_times
@@ -22,10 +23,6 @@ LOOK = 320
 """Width at which motion is looked for, pixels."""
 SAMPLES = 64
 """Frames in which it is looked for, at least, evenly spread; twice as many at most."""
-MOVES = 24
-"""Grey levels by which a pixel differs from its median now and then, where something moves: far above compression's."""
-SPECKS = 3
-"""Pixels of the look in a row or column with motion, below which they are specks."""
 MARGIN = 0.12
 """Of the moving region's longer side, left free around it."""
 STEADY = 0.05
@@ -101,7 +98,8 @@ def look_at(path: Path, fps: float | None = None) -> Look:
         raise InputError(
             f"{path} has no rising time stamp for each of its {count} frames; say how fast it was filmed with --fps."
         )
-    return Look(size, times, _moving(samples, size))
+    box, scale = moving_box(samples), size[0] / samples.shape[2]
+    return Look(size, times, None if box is None else tuple(scale * edge for edge in box))
 
 
 def square_around(
@@ -271,14 +269,3 @@ def _samples(path: Path) -> tuple[tuple[int, int], int, NDArray[np.uint8]]:
     if not kept:
         raise ValueError("it holds no frame")
     return size, count, np.stack(kept)
-
-
-def _moving(samples: NDArray[np.uint8], size: tuple[int, int]) -> tuple[float, float, float, float] | None:
-    """The region in which pixels differ from their median."""
-    away = np.abs(samples.astype(np.int16) - np.median(samples, axis=0).astype(np.int16)).max(axis=(0, 3))
-    moves = away > MOVES
-    columns, rows = (np.flatnonzero(moves.sum(axis=k) >= SPECKS) for k in (0, 1))
-    if not len(columns) or not len(rows):
-        return None
-    scale = size[0] / samples.shape[2]
-    return tuple(float(scale * edge) for edge in (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1))
