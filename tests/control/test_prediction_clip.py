@@ -9,7 +9,7 @@ import pytest
 from keycld_control.cli import main
 from keycld_control.prediction_clip import CAPTION, draw_prediction
 from keycld_control.video import PANEL
-from keycld_envs import make
+from keycld_envs import KeyCLDEnv, make
 from keycld_model import WorldModel
 
 FRAMES = 6
@@ -19,7 +19,9 @@ FRAMES = 6
 def test_recorded_and_expected_stand_side_by_side() -> None:
     model = WorldModel.load("pendulum")
     with make("pendulum") as env:
-        frames = np.stack([env.unwrapped.render_qpos([0.5 + 0.1 * k]) for k in range(FRAMES)])
+        bare = env.unwrapped
+        assert isinstance(bare, KeyCLDEnv)
+        frames = np.stack([bare.render_qpos([0.5 + 0.1 * k]) for k in range(FRAMES)])
     pictures = list(draw_prediction(model, frames, np.zeros((FRAMES - 1, 1)), context=3))
     assert len(pictures) == FRAMES and pictures[0].shape == (PANEL + CAPTION, 2 * PANEL, 3)
     left, right = pictures[0][:PANEL, :PANEL].astype(int), pictures[0][:PANEL, PANEL:].astype(int)

@@ -90,9 +90,7 @@ def test_strip_shows_frames_keypoints_and_prediction() -> None:
 
 
 def test_tensorboard_gets_every_number(tmp_path: Path) -> None:
-    pytest.importorskip("tensorboardX")
-    from tensorboardX.proto.event_pb2 import Event
-
+    event = pytest.importorskip("tensorboardX.proto.event_pb2").Event
     with tracker("tensorboard", tmp_path, {}) as watcher:
         for entry in LOG:
             watcher.logged(entry)
@@ -100,7 +98,7 @@ def test_tensorboard_gets_every_number(tmp_path: Path) -> None:
     data, found, at = path.read_bytes(), {}, 0
     while at < len(data):  # TFRecord: length, its checksum, record, its checksum
         (length,) = struct.unpack_from("<Q", data, at)
-        event = Event.FromString(data[at + 12 : at + 12 + length])
+        event = event.FromString(data[at + 12 : at + 12 + length])
         found |= {(event.step, value.tag): value.simple_value for value in event.summary.value}
         at += 16 + length
     assert found == {
