@@ -95,6 +95,8 @@ class Camera:
         """
         drawn = np.asarray(background, np.float64)
         shown = np.asarray(as_float(jnp.asarray(image)), np.float64)
+        if not (np.isfinite(drawn).all() and np.isfinite(shown).all()):
+            return None
         if np.median(np.abs(shown - drawn)) <= ALIKE:
             return cls()
         values, noise = _fit(drawn, shown)
