@@ -67,3 +67,15 @@ def test_the_only_driven_recording_is_learned_from(runs, passive):
         assert any(r is driven for r in training) and len(test) == 2
     two, one = split([passive[0], driven], observation, 40)
     assert len(two) == len(one) == 1
+
+
+def test_passive_motion_tells_nothing_of_the_scale_of_all_masses():
+    model = get_system("acrobot").compile()
+    assert not model.dof_damping.any() and not model.dof_armature.any()
+    passive = recordings("acrobot", 5, errors=0.2, number=7, seconds=2.0)[::3]
+    problem = problem_of(Simulator(model, 0.01), passive)
+    fit = minimise(problem, problem.start(), 20)
+    slopes = problem.linearise(fit.point)[0].shared
+    masses = [i for i, nuisance in enumerate(problem.nuisances) if nuisance.kind == "mass"]
+    one, all_of_them = (float(np.sum(column**2)) for column in (slopes[..., masses[1]], slopes[..., masses].sum(-1)))
+    assert one * problem.spreads[masses[1]] ** 2 > 100 > 0.1 > all_of_them * problem.spreads[masses[1]] ** 2

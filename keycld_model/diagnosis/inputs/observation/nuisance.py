@@ -28,5 +28,9 @@ class Nuisance:
 
     @property
     def step(self) -> float:
-        """Step of finite differences with respect to it."""
-        return 0.01 if self.factor else 0.02 * self.spread
+        """Step of finite differences with respect to it.
+
+        That of factors is short: what longer ones leave out would tell the scale of all masses, which a motion without
+        torques does not.
+        """
+        return 1e-4 if self.factor else 0.02 * self.spread
