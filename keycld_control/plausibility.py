@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from keycld_control.plant import LearnedModel, Plant, project
 from keycld_control.skeleton import turned
@@ -26,6 +27,9 @@ REACH = 0.5
 """Image units along a rail within which they are drawn."""
 NEAR = 0.25
 """Image units from the mechanism's skeleton within which it is seen."""
+DISTINCT = 0.02
+"""Difference of a background pixel from its mean with the mirrored one, of 1, below which it is the drawing's own
+error, five grey levels. A plain background looks alike in a mirror, which then tells nothing."""
 NOTICED = 0.1
 """Difference of a pixel's mean over the colours, of 1, below which it may be noise or light."""
 MORE = 0.01
@@ -40,7 +44,8 @@ class Plausibility(NamedTuple):
     Attributes:
         drawn: `[POSES, H, W, 3]` images of random configurations, 0 to 1.
         background: `[H, W, 3]` without the mechanism, 0 to 1.
-        even: `[h, w, 3]` mean of the background and the background mirrored, every second pixel.
+        even: `[h, w, 3]` mean of the background and the background mirrored, every second pixel; the background, where
+            both are alike.
         grid: `[h, w, 2]` places of these pixels, image units.
         tolerance: `[c]` by which constraints of keypoints may be off.
         least: sum of differences from the background, of pixels near the mechanism, at least.
@@ -85,7 +90,7 @@ def expect(model: LearnedModel, plant: Plant, configuration: Array) -> Plausibil
     known = Plausibility(
         drawn,
         jnp.asarray(background),
-        jnp.asarray((background + background[:, ::-1])[::EVERY, ::EVERY] / 2),
+        jnp.asarray(evened(background)[::EVERY, ::EVERY]),
         jnp.asarray(grid[::EVERY, ::EVERY]),
         LENGTH_TOLERANCE * jnp.asarray(np.array(lengths, np.float32)),
         0.0,
@@ -95,6 +100,12 @@ def expect(model: LearnedModel, plant: Plant, configuration: Array) -> Plausibil
     return known._replace(
         least=LESS * float(near.min()), most=float(far.max()) + MORE * known.grid[..., 0].size * (1 - NOTICED)
     )
+
+
+def evened(background: NDArray[np.floating]) -> NDArray[np.floating]:
+    """`[H, W, 3]` mean of a background and the background mirrored; the background, where both are alike."""
+    even = (background + background[:, ::-1]) / 2
+    return np.where(np.abs(background - even) > DISTINCT, even, background)
 
 
 def shows_mechanism(plant: Plant, known: Plausibility, image: Array, keypoints: Array) -> Array:

@@ -14,6 +14,7 @@ from keycld_control import EnergyShapingAgent
 from keycld_control.closed_loop import Loop, LoopSettings, make_loop
 from keycld_control.observer import first_estimate, predicted
 from keycld_control.plant import Plant
+from keycld_control.plausibility import evened
 from keycld_control.trust import DOUBTFUL, first_trust, judged, trusted
 from keycld_envs import REFERENCE_SYSTEMS
 from keycld_envs.errors import InputError
@@ -160,3 +161,10 @@ def test_what_is_no_image_stays_refused():
     agent = EnergyShapingAgent(model, model.render(np.array([[0.0, 0.45]])))
     with pytest.raises(InputError, match="values outside 0 to 1, or NaN"):
         agent.act(np.full((64, 64, 3), np.nan))
+
+
+def test_a_plain_background_does_not_tell_a_mirrored_image():
+    noise = np.random.default_rng(0).normal(0, 0.004, (64, 64, 3))
+    assert (evened(0.3 + noise) == 0.3 + noise).all()
+    slope = np.broadcast_to(np.linspace(0, 1, 64)[None, :, None], (64, 64, 3))
+    assert evened(slope)[:, :30] == pytest.approx(0.5)
