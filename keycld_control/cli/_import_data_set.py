@@ -4,13 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from keycld_control.cli._import_logs import columns_of
+from keycld_control.cli._import_logs import about_of, columns_of
 from keycld_control.cli._import_options import Args
 
 
 def import_data_set(path: Path, args: Args) -> dict[str, Any]:
     """Read, write, and say what was read."""
-    from keycld_envs import resolve_env_id
     from keycld_envs.errors import InputError
     from keycld_envs.files import atomic_folder
     from keycld_envs.progress import progress
@@ -18,8 +17,7 @@ def import_data_set(path: Path, args: Args) -> dict[str, Any]:
     from keycld_envs.recordings.importers import expand_units, open_data_set
 
     data = open_data_set(path, args.camera)
-    system = None if args.system is None else resolve_env_id(args.system)
-    about = {"licence": args.licence, "origin": args.origin, "system": system}
+    about = about_of(args)
     recording, samples = None, 0
     try:
         with atomic_folder(args.out) as folder, progress("Import", data.length) as advance:

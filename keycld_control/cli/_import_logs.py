@@ -65,18 +65,23 @@ def columns_of(args: Args, time: str, known: dict[str, str]) -> "Columns":
     )
 
 
+def about_of(args: Args) -> dict[str, Any]:
+    """Licence, origin and environment of the data, by the options of `keycld import`."""
+    from keycld_envs import resolve_env_id
+
+    system = None if args.system is None else resolve_env_id(args.system)
+    return {"licence": args.licence, "origin": args.origin, "system": system}
+
+
 def _read(args: Args, file: Path, name: str) -> "Recording":
     """One file as a recording."""
-    from keycld_envs import resolve_env_id
     from keycld_envs.errors import InputError
     from keycld_envs.recordings.importers import assemble, read_log
 
     if args.time is None or not args.joint:
         raise InputError(f"{file} is a log; name its columns with --time COLUMN and --joint JOINT=COLUMN.")
     table, known = read_log(file, args.columns or None, drop_truncated_end=args.drop_truncated_end)
-    system = None if args.system is None else resolve_env_id(args.system)
-    columns = columns_of(args, args.time, known)
-    return assemble(table, columns, name, licence=args.licence, origin=args.origin, system=system)
+    return assemble(table, columns_of(args, args.time, known), name, **about_of(args))
 
 
 def _summary(folder: Path, recording: "Recording") -> dict[str, Any]:

@@ -136,7 +136,7 @@ def _report(args: Args, result: dict[str, Any], problems: list[str], warnings: l
         print_result({"system": args.system, **result, "problems": problems, "warnings": warnings}, as_json=True)
     else:
         print_result(result, as_json=False)
-    for sentence in (*problems, *(f"mind: {warning}" for warning in warnings)):
+    for sentence in (*problems, *(f"warning: {warning}" for warning in warnings)):
         print(f"keycld: {sentence}", file=sys.stderr)
     if args.show:
         from PIL import Image

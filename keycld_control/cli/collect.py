@@ -67,8 +67,8 @@ def run(args: Args) -> None:
     if args.width * args.height > SLOW:
         times = args.width * args.height / 64**2
         print(
-            f"keycld: mind: Frames of {args.width}x{args.height} pixels take {times:.0f} times the time and memory of "
-            "64x64 in training; record with --width 64 --height 64, unless nothing shows at that size.",
+            f"keycld: warning: Frames of {args.width}x{args.height} pixels take {times:.0f} times the time and memory "
+            "of 64x64 in training; record with --width 64 --height 64, unless nothing shows at that size.",
             file=sys.stderr,
         )
     print_result(asdict(collect(args.out, settings, args.episodes, args.workers)), as_json=args.json)

@@ -39,6 +39,7 @@ class Args:
 def run(args: Args) -> None:
     """Look for what moves, cut, and write."""
     from keycld_envs.errors import InputError
+    from keycld_envs.files import atomic_folder
     from keycld_envs.progress import progress
     from keycld_envs.recordings import read_dataset, write_recording
     from keycld_envs.recordings.crop import cropped, moving_box, square
@@ -60,7 +61,8 @@ def run(args: Args) -> None:
                 raise InputError(f"Nothing moves in {args.data}; name the square to keep, --box LEFT TOP RIGHT BOTTOM.")
             height, width = next(iter(recordings[0].iter_frames())).shape[:2]
             box = square(found, width, height)
-        for recording in recordings:
-            write_recording(args.out / recording.id, cropped(recording, box, args.size))
-            advance()
+        with atomic_folder(args.out) as folder:
+            for recording in recordings:
+                write_recording(folder / recording.id, cropped(recording, box, args.size))
+                advance()
     print_result({"recordings": args.out, "number": len(recordings), "box": box, "size": args.size}, as_json=args.json)

@@ -70,15 +70,15 @@ def run(args: Args) -> None:
     config = ModelConfig.of(dataset, mechanism, name, networks)
     weak = []
 
-    def mind() -> None:
+    def warn() -> None:
         for sentence in weaknesses(dataset, None if name is None else system_of(name)):
-            print(f"keycld: mind: {sentence}", file=sys.stderr, flush=True)
+            print(f"keycld: warning: {sentence}", file=sys.stderr, flush=True)
             weak.append(sentence)
 
     about = {"system": args.system, "preset": args.preset, "seed": args.seed, "data": str(args.data)}
     steps = PRESETS[args.preset].steps
     with watching(args.out, about, args.log, steps, lambda: dataset.split(args.validation)[1]) as watchers:
-        result = train(dataset, config, args.out, recipe, args.seed, args.validation, watchers=watchers, on_start=mind)
+        result = train(dataset, config, args.out, recipe, args.seed, args.validation, watchers=watchers, on_start=warn)
     summary = {
         "system": name,
         "checkpoint": str(result.folder),

@@ -10,19 +10,18 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-import gymnasium as gym
 import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs import KeyCLDEnv
+from keycld_envs import KeyCLDEnv, make
 from keycld_envs.collect import CollectSettings, episode_id, record_episode
 from keycld_envs.effects import Effect
 from keycld_envs.effects.edited import torque_per_command
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording, read_dataset, write_recording
 from keycld_model import WorldModel
-from keycld_model.added_effects import joint_positions
+from keycld_model.joints import joint_positions
 
 FAST = {"hinge": 10.0, "slide": 2.0}
 """Speeds beyond which motors brake, rad/s and m/s."""
@@ -87,7 +86,7 @@ def explore(
     """
     height, width = model.image_shape
     settings = CollectSettings(env_id, STEPS, "piecewise", width=width, height=height, seed=seed)
-    env = gym.make(env_id, disable_env_checker=True, effects=tuple(effects), width=width, height=height).unwrapped
+    env = make(env_id, disable_env_checker=True, effects=tuple(effects), width=width, height=height).unwrapped
     assert isinstance(env, KeyCLDEnv)
     with closing(env), progress("Exploring", total=recordings) as advance:
         brake = Brake(model, env)

@@ -6,15 +6,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import gymnasium as gym
-
 from keycld_control.closed_loop import LoopSettings, make_loop, run_episode
 from keycld_control.correction.concealed import conceal
 from keycld_control.correction.corrections import corrections_of
 from keycld_control.correction.explore import explore
 from keycld_control.plain_json import plain, write_json
 from keycld_control.swingup import swing_up
-from keycld_envs import KeyCLDEnv, resolve_env_id, system_of
+from keycld_envs import KeyCLDEnv, make, resolve_env_id, system_of
 from keycld_envs.effects import Effect
 from keycld_envs.effects.stored import effect_to_json, effects_from_json
 from keycld_envs.errors import InputError
@@ -22,6 +20,7 @@ from keycld_envs.files import one_writer
 from keycld_envs.reading import read_json
 from keycld_envs.recordings import Recording, read_dataset
 from keycld_model import WorldModel
+from keycld_model.checkpoint import check_same_run
 
 Observe = Literal["pixels", "both", "states"]
 PROBES = 6
@@ -78,7 +77,8 @@ def close_the_loop(plan: LoopPlan, out: Path, workers: int = 1) -> dict[str, Any
         InputError: if the folder holds another loop, or nothing makes the agent fail.
     """
     with one_writer(out):
-        _kept(out / "plan.json", lambda: {"schema": SCHEMA, **asdict(plan)}, plan)
+        settings = plain({"schema": SCHEMA, **asdict(plan)})
+        check_same_run(out, _kept(out / "plan.json", lambda: settings), settings)
         model = WorldModel.load(plan.system)
         base = LoopSettings(plan.system, seed=plan.seed)
         drawn = _kept(out / "concealed.json", lambda: _conceal(plan, base))
@@ -94,8 +94,7 @@ def close_the_loop(plan: LoopPlan, out: Path, workers: int = 1) -> dict[str, Any
         base = replace(base, effects=concealed)
         counts = {arm: _count(arm, replace(base, **changes), plan, out, workers) for arm, changes in arms.items()}
         result = {
-            "schema": SCHEMA,
-            **asdict(plan),
+            **settings,
             "concealed": drawn["effects"],
             "passed_over": drawn["passed_over"],
             "verdict": report["verdict"],
@@ -112,15 +111,11 @@ def _count(arm: str, settings: LoopSettings, plan: LoopPlan, out: Path, workers:
     return _kept(out / "results" / f"{arm}.json", lambda: asdict(swing_up(settings, plan.episodes, workers)))
 
 
-def _kept(path: Path, make: Callable[[], Any], plan: LoopPlan | None = None) -> Any:
+def _kept(path: Path, made: Callable[[], Any]) -> Any:
     """What an earlier call has written, or else what is made now, written."""
-    if path.exists():
-        found = read_json(path)
-        if plan is not None and found != plain({"schema": SCHEMA, **asdict(plan)}):
-            raise InputError(f"{path} is of another loop; repeat it with the same settings, or choose another --out.")
-        return found
-    write_json(path, made := plain(make()))
-    return made
+    if not path.exists():
+        write_json(path, plain(made()))
+    return read_json(path)
 
 
 def _conceal(plan: LoopPlan, base: LoopSettings) -> dict[str, Any]:
@@ -129,7 +124,7 @@ def _conceal(plan: LoopPlan, base: LoopSettings) -> dict[str, Any]:
 
         def fails(effects: tuple[Effect, ...]) -> bool:
             shape = {"width": loop.env.width, "height": loop.env.height}
-            env = gym.make(loop.env_id, disable_env_checker=True, effects=effects, **shape).unwrapped
+            env = make(loop.env_id, disable_env_checker=True, effects=effects, **shape).unwrapped
             assert isinstance(env, KeyCLDEnv)
             done = [0, 0]
             with closing(env):

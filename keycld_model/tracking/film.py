@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.errors import InputError
 from keycld_envs.reading import read_limit
-from keycld_envs.recordings.video import decode, frame_times
+from keycld_envs.recordings.survey import survey
+from keycld_envs.recordings.video import decode
 
 Array = NDArray[np.float64]
 LONGEST_SIDE = 960
@@ -63,24 +63,9 @@ def read_film(path: Path, fps: float | None = None) -> Film:
     Raises:
         InputError: if it is missing, damaged, cut short, or too short, or does not say when its frames were taken.
     """
-    try:
-        count, size, samples = _sample(path)
-        times = frame_times(path)
-    except FileNotFoundError as error:
-        raise InputError(f"{path} does not exist; name a video file.") from error
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path} cannot be decoded as a video ({_short(error)}); copy or export it again.") from error
-    if count < SHORTEST:
-        raise InputError(f"{path} holds {count} frames; a motion needs at least {SHORTEST}, so film for longer.")
-    if fps is not None:
-        if not 0 < fps < math.inf:
-            raise InputError(f"--fps is {fps}; it must be a positive number of frames per second.")
-        times = np.arange(count) / fps
-    if len(times) != count:
-        raise InputError(
-            f"{path} has no rising time stamp for each of its {count} frames; say how fast it was filmed with --fps."
-        )
-    colour = _moving_colour(samples)
+    found = survey(path, _thinned, SAMPLES, SHORTEST, fps)
+    times, size, count = found.times, found.size, len(found.times)
+    colour = _moving_colour(found.samples)
     smaller = _working_size(size, count)
     pixels = np.empty((count, smaller[1], smaller[0]), np.uint8)
     repeated = np.zeros(count, bool)
@@ -93,21 +78,10 @@ def read_film(path: Path, fps: float | None = None) -> Film:
     return Film(path, times, pixels, size, "time stamps" if fps is None else "frame rate", repeated)
 
 
-def _sample(path: Path) -> tuple[int, tuple[int, int], NDArray[np.uint8]]:
-    """Number of frames, their size, and some of them, evenly spread, at most 240 pixels wide."""
-    kept: list[NDArray[np.uint8]] = []
-    count, every, size = 0, 1, (0, 0)
-    for frame in decode(path):
-        size = frame.shape[1], frame.shape[0]
-        if count % every == 0:
-            step = max(1, math.ceil(max(size) / 240))
-            kept.append(frame[::step, ::step].copy())
-            if len(kept) == 2 * SAMPLES:
-                kept, every = kept[::2], 2 * every
-        count += 1
-    if not kept:
-        raise ValueError("it holds no frame")
-    return count, size, np.stack(kept)
+def _thinned(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Some of a frame's pixels, at most 240 in a row or column."""
+    step = max(1, math.ceil(max(frame.shape[:2]) / 240))
+    return frame[::step, ::step].copy()
 
 
 def _moving_colour(samples: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -126,8 +100,3 @@ def _working_size(size: tuple[int, int], count: int) -> tuple[int, int]:
     """The largest size of the same shape within `LONGEST_SIDE` and the limit of memory."""
     share = min(1.0, LONGEST_SIDE / max(size), math.sqrt(0.7 * read_limit() / (count * size[0] * size[1])))
     return size if share == 1 else (max(2, round(size[0] * share)), max(2, round(size[1] * share)))
-
-
-def _short(error: Exception) -> str:
-    text = str(error).strip().rstrip(".")
-    return text[:200] if text else type(error).__name__

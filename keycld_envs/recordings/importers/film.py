@@ -16,7 +16,8 @@ from keycld_envs.progress import Advance
 from keycld_envs.recordings.crop import moving_box
 from keycld_envs.recordings.recording import Recording
 from keycld_envs.recordings.storage import write_recording
-from keycld_envs.recordings.video import decode, frame_times
+from keycld_envs.recordings.survey import survey
+from keycld_envs.recordings.video import decode
 
 SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mpg", ".mpeg")
 LOOK = 320
@@ -84,22 +85,9 @@ def look_at(path: Path, fps: float | None = None) -> Look:
     Raises:
         InputError: if it is missing, damaged, cut short or too short, or does not say when its frames were taken.
     """
-    if fps is not None and not 0 < fps < math.inf:
-        raise InputError(f"--fps is {fps}; it must be a positive number of frames per second.")
-    try:
-        size, count, samples = _samples(path)
-        times = frame_times(path) if fps is None else np.arange(count) / fps
-    except FileNotFoundError as error:
-        raise InputError(f"{path} does not exist; name a video file.") from error
-    except (OSError, ValueError) as error:
-        why = str(error).strip().rstrip(".")[:200] or type(error).__name__
-        raise InputError(f"{path} cannot be decoded as a video ({why}); copy or export it again.") from error
-    if len(times) != count:
-        raise InputError(
-            f"{path} has no rising time stamp for each of its {count} frames; say how fast it was filmed with --fps."
-        )
-    box, scale = moving_box(samples), size[0] / samples.shape[2]
-    return Look(size, times, None if box is None else tuple(scale * edge for edge in box))
+    found = survey(path, _small, SAMPLES, fps=fps)
+    box, scale = moving_box(found.samples), found.size[0] / found.samples.shape[2]
+    return Look(found.size, found.times, None if box is None else tuple(scale * edge for edge in box))
 
 
 def square_around(
@@ -253,19 +241,9 @@ def _reduced(path: Path, size: tuple[int, int], square: Square, pixels: int) -> 
         yield np.asarray(Image.fromarray(whole).resize((pixels, pixels), Image.Resampling.BOX))
 
 
-def _samples(path: Path) -> tuple[tuple[int, int], int, NDArray[np.uint8]]:
-    """Size and number of the frames, and some of them `[S, h, w, 3]`, reduced."""
-    size, count, every = (0, 0), 0, 1
-    kept: list[NDArray[np.uint8]] = []
-    for frame in decode(path):
-        if count % every == 0:
-            size = frame.shape[1], frame.shape[0]
-            share = min(1.0, LOOK / size[0])
-            small = max(1, round(size[0] * share)), max(1, round(size[1] * share))
-            kept.append(np.asarray(Image.fromarray(frame).resize(small, Image.Resampling.BOX)))
-            if len(kept) == 2 * SAMPLES:
-                kept, every = kept[::2], 2 * every
-        count += 1
-    if not kept:
-        raise ValueError("it holds no frame")
-    return size, count, np.stack(kept)
+def _small(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A frame in the size in which motion is looked for."""
+    height, width = frame.shape[:2]
+    share = min(1.0, LOOK / width)
+    size = max(1, round(width * share)), max(1, round(height * share))
+    return np.asarray(Image.fromarray(frame).resize(size, Image.Resampling.BOX))
