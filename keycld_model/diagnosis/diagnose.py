@@ -48,7 +48,7 @@ from keycld_model.diagnosis.verdict.findings import (
     unexplained_of,
 )
 from keycld_model.diagnosis.verdict.held_out import HeldOut
-from keycld_model.diagnosis.verdict.report import FitErrors, Report
+from keycld_model.diagnosis.verdict.report import FitErrors, Report, Unexplained
 from keycld_model.diagnosis.verdict.rivals import Rivals
 
 
@@ -162,7 +162,7 @@ def _report(
     tested = HeldOut.of(test, refitted)
     before = tested.short(refitted)
     named = decide_on_named(explained, found, before, tested)
-    left = unexplained_of(before, named.tested)
+    left = _left(named, explained, before, tested)
     advance(5, "fitting a residual force")
     decided = None
     if not budget.leaves_out("a residual force"):
@@ -188,6 +188,14 @@ def _report(
         details=_details(explained, concluded, dropped),
         evidence=evidence(model, (refitted, concluded.fit), (rollouts.refitted, rollouts.corrected)),
     )
+
+
+def _left(named: Conclusion, explained: Explanation, before: Fit, tested: HeldOut) -> Unexplained:
+    """What named effects leave of held-out recordings, of long rollouts, too, in which small errors of a form add up."""
+    pairs = [(before, named.tested)]
+    if named.findings and not named.fit.point.variant.pulses:
+        pairs.append((tested.long(explained.refitted), tested.continued(named.fit)))
+    return unexplained_of(*pairs)
 
 
 def _beyond(learned: Fit, tested: Fit) -> dict[str, float]:

@@ -97,13 +97,13 @@ def nuisance_of(fit: Fit) -> dict[str, Estimate]:
     return out
 
 
-def unexplained_of(refitted: Fit, chosen: Fit) -> Unexplained:
-    """What fits to held-out recordings leave.
+def unexplained_of(*tested: tuple[Fit, Fit]) -> Unexplained:
+    """What fits to held-out recordings leave, where they leave most.
 
     Args:
-        refitted: nuisances alone.
-        chosen: with what was found.
+        tested: pairs of fits to the same windows, with nuisances alone, and with what was found.
     """
+    refitted, chosen = max(tested, key=lambda pair: float(above_noise(pair[1]).max()))
     before, after = (mean_square(fit) for fit in (refitted, chosen))
     excess = above_noise(chosen)
     worst = int(excess.argmax())
