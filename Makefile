@@ -2,6 +2,7 @@
 # make test     all tests;  make test-fast: those of the inner loop, without whole diagnoses, trainings and frames
 # make fuzz     thousands of damaged inputs;  make kills, make interrupts: hundreds of killed and interrupted commands
 # make lint     ruff;  make types: pyright;  make layers: import layers;  make docs: strict documentation
+# make tutorials  run docs/tutorials/*.ipynb again, and keep what they print and draw
 # make weights  collect data and train the shipped weights anew
 # make bench    print every measured figure
 # make dist     wheel and sdist to upload, checked
@@ -13,7 +14,7 @@ DATA_SEED := 1
 BY_FILE := --dist loadfile --no-loadscope-reorder# examples of a document build on each other; conftest.py has the order
 DEBIAN := Debian, Ubuntu: apt-get install python3-venv libegl1 libgl1-mesa-dri
 
-.PHONY: demo test test-fast fuzz kills interrupts lint types layers docs weights bench dist libraries opengl clean
+.PHONY: demo test test-fast fuzz kills interrupts lint types layers docs tutorials weights bench dist libraries opengl clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -48,6 +49,11 @@ layers: .venv/.keycld-dev
 docs: .venv/.keycld-docs
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
+
+tutorials: libraries .venv/.keycld-dev opengl
+	folder=`mktemp -d` && cp docs/tutorials/*.ipynb $$folder && \
+	PATH="$(CURDIR)/$(BIN):$$PATH" jupyter execute --inplace $$folder/*.ipynb && \
+	cp $$folder/*.ipynb docs/tutorials/ && rm -r $$folder
 
 weights: libraries .venv/.keycld opengl
 	for system in `$(BIN)/python -c 'from keycld_envs import REFERENCE_SYSTEMS; print(*REFERENCE_SYSTEMS)'`; do \

@@ -191,7 +191,7 @@ def _report(
 
 
 def _left(named: Conclusion, explained: Explanation, before: Fit, tested: HeldOut) -> Unexplained:
-    """What named effects leave of held-out recordings, of long rollouts, too, in which small errors of a form add up."""
+    """What named effects leave of held-out recordings, and of long rollouts, in which small errors of a form add up."""
     pairs = [(before, named.tested)]
     if named.findings and not named.fit.point.variant.pulses:
         pairs.append((tested.long(explained.refitted), tested.continued(named.fit)))

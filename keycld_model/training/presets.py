@@ -53,6 +53,16 @@ DEFAULT = Preset(
     about="in stages; minutes on two CPU cores",
 )
 
+QUICK = replace(
+    DEFAULT,
+    stages=(
+        *DEFAULT.stages[:5],
+        Distil(steps=600, batch=8, learning_rate=4e-3),
+        FitTrajectories(steps=100, learning_rate=5e-4, slide=False, identify=10, sparse=True, acting=True),
+    ),
+    about="default with a third of the steps: shows whether a declaration and recordings will do",
+)
+
 FINE_TUNING = Preset(
     NetworkConfig(),
     (
@@ -92,6 +102,7 @@ def by_gradient_descent(preset: Preset) -> Preset:
 
 PRESETS: dict[str, Preset] = {
     "default": DEFAULT,
+    "quick": QUICK,
     "nc": replace(
         with_networks(DEFAULT, motion="unconstrained"), about="the paper's ablation KeyCLD-NC: default, no constraints"
     ),

@@ -63,12 +63,14 @@ def _added(start: Fit, named: Sequence[Effect], rounds: int, seed: int) -> Fit:
     return best
 
 
-def lengthened(fit: Fit, problem: Problem, rounds: int = ROUNDS) -> Fit:
+def lengthened(fit: Fit, problem: Problem, rounds: int = ROUNDS, seed: int = 0) -> Fit:
     """A fit with a residual force, fitted on to longer windows of the same recordings, in which errors pile up.
 
-    The force is then at the joint where it explains most.
+    They also tell its width and prior better. The force is then at the joint where it explains most.
     """
-    return _placed(replay(fit.problem, _descend(replay(problem, fit, 12), rounds)))
+    start = replay(problem, fit, 12)
+    longer = _added(start, fit.effects[:-1], rounds, seed)
+    return _placed(replay(fit.problem, _descend(start, rounds) if longer is start else longer))
 
 
 def residual_force_of(fit: Fit) -> ResidualForce | None:
