@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from keycld_control.benchmarks.json_lines import add_line, read_lines
-from keycld_control.benchmarks.missing_package import MissingPackage
 from keycld_control.benchmarks.real.concealing import Drawn, draw
 from keycld_control.benchmarks.real.gate import GateResult, Outcome, Runs
 from keycld_control.benchmarks.real.grading import REQUIRED, Case, described, passed, summary
@@ -24,6 +23,7 @@ from keycld_control.benchmarks.real.rivals.answer import Answer
 from keycld_control.benchmarks.real.rivals.methods import get_method
 from keycld_control.benchmarks.unfinished import finish
 from keycld_envs.errors import InputError
+from keycld_envs.optional import MissingPackage
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from keycld_control.benchmarks.blind.baselines.residual import (
     ResidualTorque,
     missing_torque,
 )
-from keycld_control.benchmarks.missing_package import MissingPackage
 from keycld_control.benchmarks.refitting import minimise
+from keycld_envs.optional import optional
 from keycld_envs.recordings import Recording
 
 Terms = dict[str, tuple[Law, str, str, float]]
@@ -98,11 +98,7 @@ def installed() -> Any:
     Raises:
         MissingPackage: if it is not installed.
     """
-    try:
-        import pysindy
-    except ImportError as error:
-        raise MissingPackage("The method sindy needs PySINDy; install keycld[sindy].") from error
-    return pysindy
+    return optional("pysindy", "sindy", "Baselines by SINDy")
 
 
 def _regress(runs: Sequence[ResidualTorque], joint: int, motor: int, together: float) -> dict[str, float]:

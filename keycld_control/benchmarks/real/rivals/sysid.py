@@ -9,12 +9,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from keycld_control.benchmarks.missing_package import MissingPackage
 from keycld_control.benchmarks.real.rivals.answer import Answer
 from keycld_control.benchmarks.real.rivals.deviations import Array, Difference, answer, covariance, estimate
 from keycld_control.benchmarks.real.rivals.sysid_pieces import Pieces
 from keycld_control.benchmarks.real.rivals.sysid_terms import Term, changeable, edited, fixed
 from keycld_envs.effects import Effect, effect_class
+from keycld_envs.optional import MissingPackage
 from keycld_envs.recordings import Recording
 
 ITERATIONS = 12
@@ -89,7 +89,7 @@ def installed() -> Any:
     from mujoco import sysid as toolbox  # without what it imports, it is empty
 
     if not hasattr(toolbox, "model_residual"):
-        raise MissingPackage("The method sysid needs what mujoco.sysid imports; install keycld[sysid].")
+        raise MissingPackage("The method sysid needs what mujoco.sysid imports; run pip install 'keycld[sysid]'.")
     return toolbox
 
 
