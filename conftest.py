@@ -1,7 +1,7 @@
 """The Python examples in README.md and docs/*.md are tests; each document runs in an empty folder.
 
-What JAX compiles is kept between test processes, those that they start, and runs, in `.pytest_cache`; compiling is most
-of what many tests do. Processes that run beside each other get one thread of linear algebra each.
+What JAX compiles is kept between test processes, those that they start, and clones, in the user's cache folder;
+compiling is most of what many tests do. Processes that run beside each other get one thread of linear algebra each.
 """
 
 import os
@@ -14,7 +14,8 @@ import pytest
 from sybil import Sybil
 from sybil.parsers.markdown import PythonCodeBlockParser, SkipParser
 
-os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent / ".pytest_cache" / "jax"))
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "keycld" / "tests"
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 if "PYTEST_XDIST_WORKER" in os.environ:
