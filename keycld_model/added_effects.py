@@ -234,7 +234,7 @@ def added_effects(
     for effect in effects:
         _check(effect, simulator)
     joints = joint_positions(system, points)
-    x, v = _states(points)
+    x, v = allowed_states(points)
     slopes = jax.jit(jax.vmap(jax.jacfwd(joints)))(x)
     declared = np.einsum("pjn,pn,ji->pi", slopes, v, torque_per_command(simulator)).ravel()
     learned = np.einsum("pni,pn->pi", jax.jit(jax.vmap(input_matrix))(x), v).ravel()
@@ -247,11 +247,11 @@ def added_effects(
         )
     energies = np.asarray(jax.jit(jax.vmap(potential_energy))(x))
     heights = np.asarray(x).reshape(len(x), -1, 2)[..., 1]
-    weights = _weights(np.asarray(points.masses), heights, energies)
+    weights = weights_of(np.asarray(points.masses), heights, energies)
     return AddedEffects(tuple(effects), simulator, timestep, points, joints, scale, weights)
 
 
-def _weights(masses: Floats, heights: Floats, energies: Floats) -> Floats:
+def weights_of(masses: Floats, heights: Floats, energies: Floats) -> Floats:
     """Weights `[K]` with which heights `[P, K]` make potential energies `[P]`, up to a constant.
 
     They need not be in proportion to the masses, since a link's inertia and moment are two numbers. Where heights do
@@ -264,7 +264,7 @@ def _weights(masses: Floats, heights: Floats, energies: Floats) -> Floats:
     return gravity * masses + more
 
 
-def _states(points: PointMasses) -> tuple[Array, Array]:
+def allowed_states(points: PointMasses) -> tuple[Array, Array]:
     """Configurations `[P, n]` and velocities `[P, n]` that the constraints allow."""
     rng, size = np.random.default_rng(0), 2 * points.mechanism.num_keypoints
     x, v = (jnp.asarray(rng.normal(scale=0.5, size=(POSES, size)), jnp.float32) for _ in range(2))

@@ -1,4 +1,4 @@
-"""Write recordings as a data set of Minari or LeRobot, or as files of Rerun to look at."""
+"""Write recordings as a data set of Minari or LeRobot, or as files of Rerun to look at; a world model as MJCF."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,20 +11,21 @@ from keycld_control.cli._output import print_result
 
 @dataclass(frozen=True)
 class Args:
-    """Write recordings in another format, and say what it cannot hold. `keycld import` reads Minari and LeRobot back.
+    """Write recordings or a world model in another format, and say what it cannot hold.
 
     For instance: keycld export data/arm --to rerun --out arm_rrd --diagnosis report, then rerun arm_rrd/*.rrd
 
     Attributes:
-        recordings: A recording, or a folder of recordings.
-        to: Format: "minari" (steps of Gymnasium), "lerobot" (version 3), "rerun" (.rrd files, for the Rerun viewer).
-        out: Folder to create.
+        source: A recording, or a folder of recordings; with --to mjcf, a checkpoint or the name of shipped weights.
+        to: Format: "minari" (steps of Gymnasium), "lerobot" (version 3), "rerun" (.rrd files, for the Rerun viewer),
+            and of a world model "mjcf" (a MuJoCo XML file). `keycld import` reads Minari and LeRobot back.
+        out: Folder to create; of MJCF, the file.
         diagnosis: With rerun: folder of a report of `keycld diagnose`, shown beside.
         json: Print one JSON object.
     """
 
-    recordings: Positional[Path]
-    to: Literal["minari", "lerobot", "rerun"]
+    source: Positional[str]
+    to: Literal["minari", "lerobot", "rerun", "mjcf"]
     out: Path
     diagnosis: Path | None = None
     json: bool = False
@@ -38,11 +39,12 @@ def run(args: Args) -> None:
 
     if args.diagnosis is not None and args.to != "rerun":
         raise InputError("--diagnosis goes into files of Rerun only; export --to rerun, or leave it out.")
+    if args.to == "mjcf":
+        return _write_mjcf(args)
+    source = Path(args.source)
     document = None if args.diagnosis is None else _document(args.diagnosis)
-    if (args.recordings / "meta.json").exists():
-        recordings = [read_recording(args.recordings)]
-    else:
-        recordings = list(read_dataset(args.recordings).recordings)
+    single = (source / "meta.json").exists()
+    recordings = [read_recording(source)] if single else list(read_dataset(source).recordings)
     try:
         if args.to == "rerun":
             lost = write_rerun(recordings, args.out, document)
@@ -51,6 +53,23 @@ def run(args: Args) -> None:
     except FileExistsError as error:
         raise InputError(f"{args.out} exists already; choose another folder or remove it.") from error
     print_result({"out": args.out, "format": args.to, "recordings": len(recordings), "lost": lost}, as_json=args.json)
+
+
+def _write_mjcf(args: Args) -> None:
+    """What a world model has learned, for MuJoCo."""
+    from keycld_envs.errors import InputError
+    from keycld_envs.files import atomic_file
+    from keycld_model import WorldModel
+    from keycld_model.learned_mjcf import learned_mjcf
+
+    if args.out.exists():
+        raise InputError(f"{args.out} exists already; choose another file or remove it.")
+    found = learned_mjcf(WorldModel.load(args.source))
+    with atomic_file(args.out, "w") as file:
+        file.write(found.xml)
+    left_out = {"potential energy": round(found.of_potential, 4), "inputs": round(found.of_inputs, 4)}
+    result = {"out": args.out, "format": "mjcf", "joints": found.joints, "left_out": left_out}
+    print_result(result, as_json=args.json)
 
 
 def _document(folder: Path) -> str:

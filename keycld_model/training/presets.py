@@ -56,11 +56,14 @@ DEFAULT = Preset(
 QUICK = replace(
     DEFAULT,
     stages=(
-        *DEFAULT.stages[:5],
-        Distil(steps=600, batch=8, learning_rate=4e-3),
-        FitTrajectories(steps=100, learning_rate=5e-4, slide=False, identify=10, sparse=True, acting=True),
+        Discover(steps=500, batch=8, learning_rate=4e-3),
+        FitWindows(steps=300, batch=64, learning_rate=1e-2, window=6, linear=True),
+        FitTrajectories(portion=0.25, restart=True, identify=10),
+        FitTrajectories(identify=10, sparse=True),
+        Distil(steps=500, batch=8, learning_rate=4e-3),
+        FitTrajectories(slide=False, identify=10, sparse=True, acting=True),
     ),
-    about="default with a third of the steps: shows whether a declaration and recordings will do",
+    about="a fifth of the steps: shows whether a declaration and recordings will do",
 )
 
 FINE_TUNING = Preset(

@@ -1,0 +1,244 @@
+"""A learned Lagrangian as an MJCF document: point masses on massless rods, in the units of the image.
+
+Lengths are image units (1 from the middle of the image to its border), masses shares of the total, so that forces and
+torques are per total mass; x is right, z up, as the camera looks. The kinetic energy is the model's. Its weights
+need not be in proportion to the masses, since a real link has an inertia and a moment; MuJoCo's compensation of
+gravity, body by body, makes up the difference. Networks may bend V and g beyond what bodies under gravity and motors
+at joints can do; how much of both is left out is told.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs import system_of
+from keycld_envs.errors import InputError
+from keycld_envs.mechanism import Mechanism, Rod, Slider
+from keycld_model.added_effects import allowed_states, weights_of
+from keycld_model.learned_system import LearnedSystem
+
+Floats = NDArray[np.floating]
+SUBSTEP = 0.0025
+"""s, longest step of the integrator."""
+COUPLED = 0.02
+"""Share of a motor's largest torque, below which it is none at another joint."""
+LEFT_OUT = 0.1
+"""Share of V or g, root mean square, from which an MJCF document would be another mechanism."""
+
+
+@dataclass(frozen=True)
+class LearnedMjcf:
+    """A document, and what it cannot hold.
+
+    Attributes:
+        xml: MJCF.
+        joints: names, in order.
+        of_potential: share of V, root mean square over configurations, that is no weight of the masses.
+        of_inputs: the same of g: torques that depend on the configuration.
+    """
+
+    xml: str
+    joints: tuple[str, ...]
+    of_potential: float
+    of_inputs: float
+
+
+def learned_mjcf(model: LearnedSystem) -> LearnedMjcf:
+    """What a world model has learned, as a mechanism that MuJoCo simulates.
+
+    Joints are those of rods, in radians, clockwise from their rod before (from up, at the pivot), and of sliders, along
+    the rail to the right. A camera "front" sees what the model's does. Effects beside the model are left out.
+
+    Raises:
+        InputError: if the model has no constraints, its keypoints do not each hang on one rod or slider, or V and g are
+            not those of weights and of motors at the joints.
+    """
+    if not model.constrained:
+        raise InputError(f"The model {model.name} has no rods and sliders that hold its masses; MJCF needs such.")
+    holders = _holders(model.mechanism)
+    lagrangian = model.parts.lagrangian(model.parameters)
+    x, _ = allowed_states(lagrangian.points)
+    energies = np.asarray(jax.jit(jax.vmap(lagrangian.potential_energy))(x), float)
+    heights = np.asarray(x, float).reshape(len(x), -1, 2)[..., 1]
+    weights = weights_of(model.masses.astype(float), heights, energies)
+    of_potential = _share(energies - heights @ weights, energies)
+    slopes = _slopes(model, holders, np.asarray(x, float))
+    torques = np.einsum("pnj,pnm->pmj", slopes, np.asarray(jax.jit(jax.vmap(lagrangian.input_matrix))(x), float))
+    gears = torques.mean(axis=0)
+    of_inputs = float(np.sqrt(np.mean((torques - gears) ** 2) / np.mean(torques**2))) if torques.size else 0.0
+    for name, share in (("potential energy", of_potential), ("inputs", of_inputs)):
+        if not share < LEFT_OUT:
+            raise InputError(
+                f"The {name} of the model {model.name} is to {100 * share:.0f} % none of weights or of motors at "
+                "joints, which is all that this MJCF document holds; train the model longer, or check its declaration."
+            )
+    joints, motors = _names(model, holders)
+    spec = _built(model, holders, joints, weights)
+    _add_motors(spec, joints, motors, gears)
+    spec.compile()
+    return LearnedMjcf(spec.to_xml(), joints, of_potential, of_inputs)
+
+
+def _holders(mechanism: Mechanism) -> list[tuple[int, Rod | Slider]]:
+    """Each keypoint, after those that it hangs on, and the one rod or slider that holds it."""
+    held: dict[int, list[Rod | Slider]] = {k: [] for k in range(mechanism.num_keypoints)}
+    for rod in mechanism.rods:
+        held[rod.end].append(rod)
+    for slider in mechanism.sliders:
+        held[slider.keypoint].append(slider)
+    for k, own in held.items():
+        if len(own) != 1:
+            raise InputError(
+                f"Keypoint {k} is held by {len(own)} rods and sliders; as MJCF, each keypoint hangs on exactly one."
+            )
+    out: list[tuple[int, Rod | Slider]] = []
+    while len(out) < len(held):
+        placed = {k for k, _ in out}
+        ready = [
+            (k, own[0])
+            for k, own in held.items()
+            if k not in placed and (isinstance(own[0], Slider) or own[0].start is None or own[0].start in placed)
+        ]
+        if not ready:
+            raise InputError("Rods of the mechanism form a ring; as MJCF, they hang on the pivot or on a slider.")
+        out += ready
+    return out
+
+
+def _names(model: LearnedSystem, holders: list[tuple[int, Rod | Slider]]) -> tuple[tuple[str, ...], list[str]]:
+    """Of joints, in the order of their keypoints, and of motors: the system's own if it has as many of each kind."""
+    kinds = ["slide" if isinstance(holder, Slider) else "hinge" for _, holder in holders]
+    plain = tuple(f"{kind}_{k}" for kind, (k, _) in zip(kinds, holders, strict=True))
+    motors = [f"motor_{i}" for i in range(model.mechanism.num_actions)]
+    if model.system is None:
+        return plain, motors
+    system = system_of(model.system)
+    own = {kind: [joint.name for joint in system.joints if joint.kind == kind] for kind in ("hinge", "slide")}
+    if any(len(names) != kinds.count(kind) for kind, names in own.items()):
+        return plain, motors
+    in_order = {
+        "hinge": [model.mechanism.rods.index(holder) for _, holder in holders if isinstance(holder, Rod)],
+        "slide": [model.mechanism.sliders.index(holder) for _, holder in holders if isinstance(holder, Slider)],
+    }
+    names = {kind: iter([own[kind][i] for i in order]) for kind, order in in_order.items()}
+    return tuple(next(names[kind]) for kind in kinds), list(system.actuators)
+
+
+def _slopes(model: LearnedSystem, holders: list[tuple[int, Rod | Slider]], x: Floats) -> Floats:
+    """How keypoints move with each joint, `[P, 2K, J]`, in configurations `[P, 2K]`."""
+    points = x.reshape(len(x), -1, 2)
+    out = np.zeros((*points.shape, len(holders)))
+    hangs = {k: _above(holders, k) for k, _ in holders}
+    for j, (k, holder) in enumerate(holders):
+        moved = [other for other, above in hangs.items() if k in above]
+        if isinstance(holder, Slider):
+            out[..., j][:, moved] = _rail(holder)
+            continue
+        start = model.pivot if holder.start is None else points[:, holder.start]
+        arm = points[:, moved] - np.broadcast_to(start, points[:, 0].shape)[:, None]
+        out[..., j][:, moved] = np.stack([arm[..., 1], -arm[..., 0]], axis=-1)  # clockwise
+    return out.reshape(len(x), -1, len(holders))
+
+
+def _above(holders: list[tuple[int, Rod | Slider]], keypoint: int) -> set[int]:
+    """A keypoint, and those that it hangs on."""
+    known, out = dict(holders), {keypoint}
+    while isinstance(holder := known[keypoint], Rod) and holder.start is not None:
+        keypoint = holder.start
+        out.add(keypoint)
+    return out
+
+
+def _rail(slider: Slider) -> Floats:
+    normal = np.asarray(slider.normal, float)
+    return np.array([normal[1], -normal[0]]) / np.linalg.norm(normal)
+
+
+def _share(left: Floats, whole: Floats) -> float:
+    """Root mean square about the means; none of what is nothing."""
+    size = float(np.std(whole))
+    return float(np.std(left)) / size if size > 1e-9 else 0.0
+
+
+def _built(
+    model: LearnedSystem, holders: list[tuple[int, Rod | Slider]], joints: tuple[str, ...], weights: Floats
+) -> mujoco.MjSpec:
+    """Bodies, joints, camera and light."""
+    spec = mujoco.MjSpec()
+    spec.modelname = Path(model.name).name
+    spec.compiler.degree = False
+    spec.option.timestep = model.timestep / max(1, int(np.ceil(model.timestep / SUBSTEP - 1e-9)))
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    gravity, height = float(weights.sum()), model.image_shape[0]  # the sum of all masses is one
+    spec.option.gravity = [0.0, 0.0, -gravity]
+    spec.visual.headlight.ambient = [0.5, 0.5, 0.5]
+    camera = spec.worldbody.add_camera(name="front", pos=[0, -10, 0], fovy=2 * height / (height - 1))
+    camera.proj = mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC
+    camera.quat = [0.5**0.5, 0.5**0.5, 0.0, 0.0]  # looks along y, z is up
+    pivot = [float(model.pivot[0]), 0.0, float(model.pivot[1])]
+    levels = dict(zip((*model.mechanism.rods, *model.mechanism.sliders), model.level.tolist(), strict=True))
+    bodies: dict[int | None, Any] = {None: spec.worldbody}
+    ends: dict[int | None, list[float]] = {None: pivot}
+    for (k, holder), joint in zip(holders, joints, strict=True):
+        if isinstance(holder, Slider):
+            normal = np.asarray(holder.normal, float)
+            off = normal * levels[holder] / (normal @ normal)
+            place = [pivot[0] + float(off[0]), 0.0, pivot[2] + float(off[1])]
+            bodies[k], ends[k] = _carriage(spec.worldbody, k, place, joint, _rail(holder)), [0.0, 0.0, 0.0]
+        else:
+            end = [0.0, 0.0, float(np.sqrt(2 * levels[holder]))]
+            bodies[k], ends[k] = _link(bodies[holder.start], k, ends[holder.start], joint, end), end
+        mass = float(model.masses[k])
+        bodies[k].mass, bodies[k].ipos, bodies[k].explicitinertial = mass, ends[k], True
+        bodies[k].inertia = [1e-6 * mass] * 3  # MuJoCo asks for some
+        bodies[k].gravcomp = 1 - float(weights[k]) / (mass * gravity) if gravity else 0.0
+        bodies[k].add_site(name=f"keypoint_{k}", pos=ends[k], size=[0.03, 0, 0], rgba=[1.0, 0.85, 0.2, 1.0])
+    return spec
+
+
+def _carriage(world: Any, keypoint: int, place: list[float], joint: str, rail: Floats) -> Any:
+    """A body on a rail."""
+    body = world.add_body(name=f"carriage_{keypoint}", pos=place)
+    body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[float(rail[0]), 0, float(rail[1])])
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.04, 0.05], mass=0, rgba=_colour(keypoint))
+    return body
+
+
+def _link(parent: Any, keypoint: int, place: list[float], joint: str, end: list[float]) -> Any:
+    """A rod that turns about a place of the body before it."""
+    body = parent.add_body(name=f"link_{keypoint}", pos=place)
+    body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
+    ends = [0.0, 0.0, 0.0, *end]
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=[0.025, 0, 0], mass=0, rgba=_colour(keypoint))
+    return body
+
+
+def _colour(keypoint: int) -> list[float]:
+    return [[0.25, 0.5, 0.85, 1.0], [0.9, 0.55, 0.2, 1.0], [0.35, 0.7, 0.4, 1.0]][keypoint % 3]
+
+
+def _add_motors(spec: mujoco.MjSpec, joints: tuple[str, ...], motors: list[str], gears: Floats) -> None:
+    """One motor per action, at its joint, or at a tendon that pulls at several.
+
+    Args:
+        spec: with joints.
+        joints: their names.
+        motors: names.
+        gears: `[m, J]` torque of a unit of each action, per total mass.
+    """
+    for name, own in zip(motors, gears.tolist(), strict=True):
+        largest = int(np.argmax(np.abs(own)))
+        if all(abs(gear) <= COUPLED * abs(own[largest]) for j, gear in enumerate(own) if j != largest):
+            motor = spec.add_actuator(name=name, target=joints[largest], trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            motor.gear = [own[largest], 0, 0, 0, 0, 0]
+            continue
+        tendon = spec.add_tendon(name=f"{name}_pulls")
+        for joint, gear in zip(joints, own, strict=True):
+            tendon.wrap_joint(joint, gear)
+        spec.add_actuator(name=name, target=tendon.name, trntype=mujoco.mjtTrn.mjTRN_TENDON)
