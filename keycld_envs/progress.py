@@ -30,6 +30,7 @@ def progress(title: str, total: int) -> Iterator[Advance]:
     Yields:
         `advance(steps=1, note=None)`.
     """
+    console = Console(stderr=True)
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -38,8 +39,8 @@ def progress(title: str, total: int) -> Iterator[Advance]:
         TextColumn("left"),
         TimeRemainingColumn(),
         TextColumn("{task.fields[note]}"),
-        console=Console(stderr=True),
-        disable=not sys.stderr.isatty(),
+        console=console,
+        disable=not (sys.stderr.isatty() and console.is_interactive),  # a terminal, and none that is dumb
     )
     with bar:
         task = bar.add_task(title, total=total, note="")
