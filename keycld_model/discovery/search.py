@@ -1,0 +1,169 @@
+"""The joint on which one part more explains most."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from keycld_model.discovery.charts import Array, Chart
+from keycld_model.discovery.parts import ANGLES, Joint, Placed, chart_of, size_of
+from keycld_model.discovery.shapes import Alternation, Fit
+
+STEP = 3
+"""Pixels between hinges that are tried, or fewer if a mechanism is small."""
+RAILS = 12
+"""Directions of rails that are tried."""
+COARSE_FRAMES, FINE_FRAMES = 48, 64
+"""Frames with which joints are tried, at half their resolution, and with which the best is placed."""
+STARTS = 2
+"""Frames from which a shape is started."""
+KEPT = 4
+"""Joints that are looked at closely."""
+CHANGED = 0.1
+"""Difference of colour (0 to 1) that something moving makes at least."""
+REACH = 3
+"""Pixels from a part within which hinges on it are sought."""
+MOVES = 3
+"""Steps of one length by which a joint's place is improved."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A joint for one part more.
+
+    Attributes:
+        joint: what the part may do.
+        fit: the part.
+        size: of its grid.
+        share: of the squared error of everything that moves, by which it reduces it.
+    """
+
+    joint: Joint
+    fit: Fit
+    size: tuple[int, int]
+    share: float
+
+
+def joints(now: Placed) -> list[Joint]:
+    """All joints that are tried for the next part."""
+    change = ((now.images - now.background) ** 2).sum(axis=-1) > CHANGED**2
+    near = ndimage.maximum_filter(change.mean(axis=0) > 0.01, 2 * REACH + 1)
+    found = [Joint("hinge", None, place) for place in _grid(near)]
+    height, width = near.shape
+    middle = ((width - 1) / 2, (height - 1) / 2)
+    found += [Joint("slide", None, middle, float(a)) for a in np.arange(RAILS) * np.pi / RAILS]
+    for k, part in enumerate(now.parts):
+        low = part.points.min(axis=0) - REACH
+        size = np.ceil(part.points.max(axis=0) + REACH - low).astype(int) + 1
+        mask = np.zeros(size[::-1], bool)
+        index = np.rint(part.points - low).astype(int)
+        mask[index[:, 1], index[:, 0]] = True
+        mask = ndimage.maximum_filter(mask, 2 * REACH + 1)
+        for x, y in _grid(mask):
+            place = (x + float(low[0]), y + float(low[1]))
+            if part.joint.kind == "slide" or np.hypot(*place) > REACH:
+                found.append(Joint("hinge", k, place))
+    return found
+
+
+def _grid(mask: NDArray[np.bool_]) -> Iterator[tuple[float, float]]:
+    offset = STEP // 2
+    rows, columns = np.nonzero(mask[offset::STEP, offset::STEP])
+    for row, column in zip(rows, columns, strict=True):
+        yield float(column * STEP + offset), float(row * STEP + offset)
+
+
+def candidates(now: Placed) -> list[Candidate]:
+    """The joints that explain most, the best first; all but the best are placed roughly.
+
+    Args:
+        now: what is known.
+    """
+    moving = float(((now.images - now.background) ** 2).sum())
+    coarse = _Level.of(now, COARSE_FRAMES, 2, moving)
+    tried = [coarse.look(joint) for joint in joints(now)]
+    close = sorted((_refined(coarse, each, STEP / 2, 2) for each in _distinct(tried)), key=lambda each: -each.share)
+    fine = _Level.of(now, FINE_FRAMES, 1, moving)
+    return [_refined(fine, close[0], STEP / 4, 2), *close[1:]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """Frames of one resolution, in which joints are tried.
+
+    Attributes:
+        now: what is known.
+        some: [n], frames that are looked at.
+        stack: [n, h, w, 6], these and what is known of them.
+        reduction: pixels of the frames per pixel here.
+        starts: frames from which a shape is started.
+        moving: squared error of everything that moves, in as many frames.
+    """
+
+    now: Placed
+    some: NDArray[np.intp]
+    stack: Array
+    reduction: int
+    starts: list[int]
+    moving: float
+
+    @classmethod
+    def of(cls, now: Placed, frames: int, reduction: int, moving: float) -> "_Level":
+        number = len(now.images)
+        some = np.linspace(0, number - 1, min(frames, number)).round().astype(int)
+        left = np.argsort(-now.unexplained[some])
+        starts = [int(left[len(left) * (i + 1) // 4]) for i in range(STARTS)]
+        stack = now.stack()[some]
+        if reduction > 1:
+            height, width = (side // reduction for side in stack.shape[1:3])
+            stack = stack[:, : height * reduction, : width * reduction]
+            stack = stack.reshape(len(some), height, reduction, width, reduction, 6).mean(axis=(2, 4))
+        return cls(now, some, stack, reduction, starts, moving * len(some) / number)
+
+    def look(self, joint: Joint) -> Candidate:
+        """The best part on a joint."""
+        size = size_of(joint, self.stack.shape[1:3], ANGLES // 2 // self.reduction)
+        chart = chart_of(joint, self.now.parent(joint), size)
+        origin = (chart.origin[self.some] + 0.5) / self.reduction - 0.5
+        along = None if chart.along is None else chart.along[self.some]
+        fit = Alternation(self.stack, Chart(origin, along, size)).fit(self.starts)
+        return Candidate(joint, fit, size, fit.total * self.reduction**2 / self.moving)
+
+
+def _refined(level: _Level, candidate: Candidate, step: float, steps: int) -> Candidate:
+    """The joint moved to where it explains most."""
+    best = level.look(candidate.joint)
+    for _ in range(steps):
+        for _ in range(MOVES):
+            new = max((level.look(joint) for joint in _around(best.joint, step)), key=lambda each: each.share)
+            if new.share <= best.share:
+                break
+            best = new
+        step /= 2
+    return best
+
+
+def _distinct(tried: list[Candidate]) -> list[Candidate]:
+    """The best ones that are not beside a better one."""
+    kept: list[Candidate] = []
+    for each in sorted(tried, key=lambda each: -each.share):
+        if len(kept) < KEPT and not any(_beside(each.joint, other.joint) for other in kept):
+            kept.append(each)
+    return kept
+
+
+def _beside(one: Joint, other: Joint) -> bool:
+    if (one.kind, one.parent) != (other.kind, other.parent):
+        return False
+    if one.kind == "slide":
+        return abs((one.angle - other.angle + np.pi / 2) % np.pi - np.pi / 2) < 0.6
+    return float(np.hypot(*np.subtract(one.place, other.place))) < 2 * STEP
+
+
+def _around(joint: Joint, step: float) -> list[Joint]:
+    if joint.kind == "slide":
+        return [replace(joint, angle=joint.angle + sign * np.radians(4 * step)) for sign in (-1, 1)]
+    x, y = joint.place
+    return [replace(joint, place=(x + dx, y + dy)) for dx, dy in ((-step, 0), (step, 0), (0, -step), (0, step))]
