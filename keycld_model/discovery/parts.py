@@ -12,7 +12,7 @@ from keycld_model.discovery.shapes import Alternation, Fit, Shape, draw
 
 ANGLES = 128
 """Nodes of a full turn."""
-SWEEPS = 2
+SWEEPS = 1
 """Times that every part is placed anew when all others are known."""
 
 
@@ -181,8 +181,7 @@ class Placed:
             for k, part in enumerate(self.parts):
                 chart = chart_of(part.joint, now.parent(part.joint), part.size)
                 frames = Alternation(now.stack(without=k), chart)
-                shape = now.parts[k].shape
-                now = now.replaced(k, frames.refine(shape, 2, robust=True) if learn else frames.place(shape))
+                now = now.replaced(k, frames.relearn(now.fits[k]) if learn else frames.place(now.parts[k].shape))
         return now
 
 

@@ -9,17 +9,17 @@ from scipy import ndimage
 
 from keycld_model.discovery.charts import Array, Chart
 from keycld_model.discovery.parts import ANGLES, Joint, Placed, chart_of, size_of
-from keycld_model.discovery.shapes import Alternation, Fit
+from keycld_model.discovery.shapes import Alternation, Fit, resampled
 
 STEP = 3
 """Pixels between hinges that are tried, or fewer if a mechanism is small."""
 RAILS = 12
 """Directions of rails that are tried."""
-COARSE_FRAMES, FINE_FRAMES = 48, 64
+COARSE_FRAMES, FINE_FRAMES = 40, 64
 """Frames with which joints are tried, at half their resolution, and with which the best is placed."""
 STARTS = 2
 """Frames from which a shape is started."""
-KEPT = 4
+KEPT = 3
 """Joints that are looked at closely."""
 CHANGED = 0.1
 """Difference of colour (0 to 1) that something moving makes at least."""
@@ -36,24 +36,26 @@ class Candidate:
     Attributes:
         joint: what the part may do.
         fit: the part.
-        size: of its grid.
+        chart: of its grid.
+        reduction: pixels of the frames per pixel of the grid.
         share: of the squared error of everything that moves, by which it reduces it.
     """
 
     joint: Joint
     fit: Fit
-    size: tuple[int, int]
+    chart: Chart
+    reduction: int
     share: float
 
 
 def joints(now: Placed) -> list[Joint]:
-    """All joints that are tried for the next part."""
-    change = ((now.images - now.background) ** 2).sum(axis=-1) > CHANGED**2
-    near = ndimage.maximum_filter(change.mean(axis=0) > 0.01, 2 * REACH + 1)
-    found = [Joint("hinge", None, place) for place in _grid(near)]
-    height, width = near.shape
-    middle = ((width - 1) / 2, (height - 1) / 2)
-    found += [Joint("slide", None, middle, float(a)) for a in np.arange(RAILS) * np.pi / RAILS]
+    """All joints that are tried for the next part: those with which a `Mechanism` can declare it.
+
+    The first part is on the ground. Others are on a part, or where one is on the ground: a mechanism has one pivot.
+    """
+    if not now.parts:
+        return _on_ground(now)
+    found = list(dict.fromkeys(part.joint for part in now.parts if part.joint.parent is None))
     for k, part in enumerate(now.parts):
         low = part.points.min(axis=0) - REACH
         size = np.ceil(part.points.max(axis=0) + REACH - low).astype(int) + 1
@@ -66,6 +68,16 @@ def joints(now: Placed) -> list[Joint]:
             if part.joint.kind == "slide" or np.hypot(*place) > REACH:
                 found.append(Joint("hinge", k, place))
     return found
+
+
+def _on_ground(now: Placed) -> list[Joint]:
+    """Hinges near what moves, and rails of all directions."""
+    change = ((now.images - now.background) ** 2).sum(axis=-1) > CHANGED**2
+    near = ndimage.maximum_filter(change.mean(axis=0) > 0.01, 2 * REACH + 1)
+    height, width = near.shape
+    middle = ((width - 1) / 2, (height - 1) / 2)
+    rails = [Joint("slide", None, middle, float(angle)) for angle in np.arange(RAILS) * np.pi / RAILS]
+    return [*(Joint("hinge", None, place) for place in _grid(near)), *rails]
 
 
 def _grid(mask: NDArray[np.bool_]) -> Iterator[tuple[float, float]]:
@@ -84,7 +96,11 @@ def candidates(now: Placed) -> list[Candidate]:
     moving = float(((now.images - now.background) ** 2).sum())
     coarse = _Level.of(now, COARSE_FRAMES, 2, moving)
     tried = [coarse.look(joint) for joint in joints(now)]
-    close = sorted((_refined(coarse, each, STEP / 2, 2) for each in _distinct(tried)), key=lambda each: -each.share)
+    on_ground = {part.joint for part in now.parts}
+    near = [each if each.joint in on_ground else _refined(coarse, each, STEP / 2, 2) for each in _distinct(tried)]
+    close = sorted(near, key=lambda each: -each.share)
+    if close[0].joint in on_ground:
+        return close
     fine = _Level.of(now, FINE_FRAMES, 1, moving)
     return [_refined(fine, close[0], STEP / 4, 2), *close[1:]]
 
@@ -122,22 +138,26 @@ class _Level:
             stack = stack.reshape(len(some), height, reduction, width, reduction, 6).mean(axis=(2, 4))
         return cls(now, some, stack, reduction, starts, moving * len(some) / number)
 
-    def look(self, joint: Joint) -> Candidate:
-        """The best part on a joint."""
+    def look(self, joint: Joint, like: Candidate | None = None) -> Candidate:
+        """The best part on a joint, or the one that is like another's."""
         size = size_of(joint, self.stack.shape[1:3], ANGLES // 2 // self.reduction)
         chart = chart_of(joint, self.now.parent(joint), size)
         origin = (chart.origin[self.some] + 0.5) / self.reduction - 0.5
-        along = None if chart.along is None else chart.along[self.some]
-        fit = Alternation(self.stack, Chart(origin, along, size)).fit(self.starts)
-        return Candidate(joint, fit, size, fit.total * self.reduction**2 / self.moving)
+        chart = Chart(origin, None if chart.along is None else chart.along[self.some], size)
+        frames = Alternation(self.stack, chart)
+        if like is None:
+            fit = frames.fit(self.starts)
+        else:
+            fit = frames.refine(resampled(like.fit.shape, like.chart, chart, like.reduction / self.reduction), 2)
+        return Candidate(joint, fit, chart, self.reduction, fit.total * self.reduction**2 / self.moving)
 
 
 def _refined(level: _Level, candidate: Candidate, step: float, steps: int) -> Candidate:
     """The joint moved to where it explains most."""
-    best = level.look(candidate.joint)
+    best = level.look(candidate.joint, candidate)
     for _ in range(steps):
         for _ in range(MOVES):
-            new = max((level.look(joint) for joint in _around(best.joint, step)), key=lambda each: each.share)
+            new = max((level.look(joint, best) for joint in _around(best.joint, step)), key=lambda each: each.share)
             if new.share <= best.share:
                 break
             best = new

@@ -8,7 +8,7 @@ from scipy import fft, ndimage
 
 from keycld_model.discovery.charts import Array, Chart, Points, sample
 
-ROUNDS = 6
+ROUNDS = 4
 """Alternations between shifts and shape."""
 CONTRAST = 0.1
 """Of the strongest difference from what is known; what differs less in a frame is not part of the first guess."""
@@ -80,17 +80,27 @@ class Alternation:
             raw = self.error[start] / self.area
             shape = Shape((raw > CONTRAST * raw.max()).astype(np.float32), self.values[start])
             tries.append(self.refine(shape, rounds))
-        return max(tries, key=lambda fit: fit.total)
+        best = max(tries, key=lambda fit: fit.total)
+        return best if self.chart.circular else self.place(_centred(best.shape))
 
-    def refine(self, shape: Shape, rounds: int = ROUNDS, *, robust: bool = False) -> Fit:
-        """Alternate from a shape; robustly, what covers it in some frames does not change its colour."""
+    def relearn(self, fit: Fit) -> Fit:
+        """The shape anew where the part is, then its place; what covers it in some frames does not change its colour."""
+        index = np.rint(fit.shift / self.chart.unit).astype(int) % self.chart.size[0]
+        shape = self._average(index, fit.gain > 0, robust=True)
+        return self.place(shape if shape.there.any() else fit.shape)
+
+    def refine(self, shape: Shape, rounds: int = ROUNDS) -> Fit:
+        """Alternate from a shape."""
         for _ in range(rounds):
             scores = self._scores(shape)
             index = scores.argmax(axis=1)
             seen = scores.max(axis=1) > 0
             if seen.sum() < FEWEST:
                 break
-            shape = self._average(index, seen, robust)
+            new = self._average(index, seen)
+            if not new.there.any():
+                break
+            shape = new
         return self.place(shape)
 
     def place(self, shape: Shape) -> Fit:
@@ -113,7 +123,7 @@ class Alternation:
         product = np.matmul(self.spectrum, spectrum.reshape(len(spectrum), -1, 1))[..., 0]
         return fft.irfft(product, n=len(pattern), axis=0).T
 
-    def _average(self, index: NDArray[np.intp], seen: NDArray[np.bool_], robust: bool) -> Shape:
+    def _average(self, index: NDArray[np.intp], seen: NDArray[np.bool_], *, robust: bool = False) -> Shape:
         """The shape that reduces the error most, when frames are shifted back."""
         size = self.chart.size[0]
         wave = np.exp(2j * np.pi / size * np.arange(len(self.spectrum))[:, None] * index) * seen
@@ -136,6 +146,25 @@ class Alternation:
         values = aligned[..., 1:4] / np.maximum(aligned[..., 4:], 1e-6)
         weight = aligned[..., 4] / (1 + ((values - colour) ** 2).sum(axis=-1) / OUTLIER**2)
         return (values * weight[..., None]).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-6)[..., None]
+
+
+def resampled(shape: Shape, old: Chart, new: Chart, reduction: float) -> Shape:
+    """A shape on the grid of another chart of the same joint, whose pixels are smaller by `reduction`."""
+    where = Chart(np.zeros((1, 2)), None if old.along is None else np.array([[1.0, 0.0]]), old.size)
+    index = np.rint(where.coordinates(new.offsets() / reduction, np.zeros(1))[:, 0]).astype(int)
+    if old.circular:
+        index[0] %= old.size[0]
+    inside = ((index >= 0) & (index < np.array(old.size)[:, None, None])).all(axis=0)
+    rows, columns = index.clip(0, np.array(old.size)[:, None, None] - 1)
+    return Shape(shape.there[rows, columns] * inside, shape.colour[rows, columns])
+
+
+def _centred(shape: Shape) -> Shape:
+    """The shape moved along its rail to the middle, so that its shift is where it is."""
+    size, turn = len(shape.there), np.exp(2j * np.pi * np.arange(len(shape.there)) / len(shape.there))
+    middle = np.angle((shape.there.sum(axis=1) * turn).sum()) / (2 * np.pi) * size
+    by = size // 2 - round(float(middle))
+    return Shape(np.roll(shape.there, by, axis=0), np.roll(shape.colour, by, axis=0))
 
 
 def draw(known: Array, chart: Chart, fit: Fit) -> Array:
