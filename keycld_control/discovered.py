@@ -37,8 +37,8 @@ Structures by what they leave unexplained in held-out frames, and the price of t
 
 from keycld_envs import Mechanism, Rod, Slider
 
-# Rod(i, j) holds keypoints i and j at a constant distance, Rod(None, j) keypoint j to the pivot. Slider(k, normal) keeps
-# keypoint k on a straight rail through the pivot. Image units: (0, 0) is the middle, 1 the right or upper border.
+# Rod(i, j) holds keypoints i and j at a constant distance, Rod(None, j) keypoint j to the pivot. Slider(k, normal)
+# keeps keypoint k on a straight rail through the pivot. Image units: (0, 0) is the middle, 1 the right or upper border.
 mechanism = Mechanism(
     num_keypoints={mechanism.num_keypoints},
     num_actions={mechanism.num_actions},
@@ -92,7 +92,7 @@ def _panel(now: Placed, index: int, keypoints: NDArray[np.float64] | None) -> Im
     for k, (part, pose) in enumerate(zip(now.parts, now.poses, strict=True)):
         if now.fits[k].gain[index] > 0:
             _dots(pen, _one(pose, index).of(part.points)[0], scale, COLOURS[k % len(COLOURS)])
-    for part in now.parts:
+    for k, part in enumerate(now.parts):
         joint = part.joint
         pose = ground(1) if joint.parent is None else _one(now.poses[joint.parent], index)
         x, y = (pose.of(np.array(joint.place))[0] + 0.5) * scale
@@ -100,8 +100,9 @@ def _panel(now: Placed, index: int, keypoints: NDArray[np.float64] | None) -> Im
             pen.line((x - 5, y, x + 5, y), INK, 2)
             pen.line((x, y - 5, x, y + 5), INK, 2)
         else:
+            on_it = [other.joint.place for other in now.parts if other.joint.parent == k] or [part.points.mean(axis=0)]
+            x, y = (_one(now.poses[k], index).of(np.array(on_it[0]))[0] + 0.5) * scale
             reach = 2 * PANEL * np.array([np.cos(joint.angle), np.sin(joint.angle)])
-            x, y = (_one(now.poses[now.parts.index(part)], index).of(part.points.mean(axis=0))[0] + 0.5) * scale
             pen.line((x - reach[0], y - reach[1], x + reach[0], y + reach[1]), INK, 1)
     for k, point in enumerate(() if keypoints is None else keypoints):
         x, y = (point + 0.5) * scale

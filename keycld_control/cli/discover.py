@@ -63,9 +63,13 @@ def run(args: Args) -> None:
     ranking = table(found.ranked)
     result = {"file": args.out, "picture": picture, "degrees_of_freedom": declared.mechanism.degrees_of_freedom}
     if args.json:
-        print_result(result | {"mechanism": declared.mechanism.to_dict(), "ranked": ranking, "doubts": doubtful}, as_json=True)
+        print_result(
+            result | {"mechanism": declared.mechanism.to_dict(), "ranked": ranking, "doubts": doubtful}, as_json=True
+        )
     else:
-        rows = {f"{each['score']:.3f}": f"{each['structure']} ({each['unexplained']:.3f} unexplained)" for each in ranking}
+        rows = {
+            f"{each['score']:.3f}": f"{each['structure']} ({each['unexplained']:.3f} unexplained)" for each in ranking
+        }
         print_result(rows | result | {"next": f"keycld check {args.out} --data {args.data}"}, as_json=False)
     for sentence in doubtful:
         print(f"keycld: warning: {sentence}", file=sys.stderr)

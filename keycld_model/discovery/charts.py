@@ -1,12 +1,13 @@
 """Coordinates in which a joint's motion is a shift: angle and radius about a hinge, along and across a rail."""
 
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 Points = NDArray[np.float64]
-Array = NDArray[np.float32]
+Array = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,7 @@ def sample(images: Array, points: Points) -> tuple[Array, NDArray[np.bool_]]:
     """Values [N, ..., C] of images [N, H, W, C] at points [N, ..., 2], linearly, and whether they are inside."""
     number, height, width, channels = images.shape
     corner = np.floor(points).astype(np.int32)
-    inside = ((corner >= 0) & (corner < (width - 1, height - 1))).all(axis=-1)
+    inside = cast(NDArray[np.bool_], ((corner >= 0) & (corner < (width - 1, height - 1))).all(axis=-1))
     corner = corner.clip(0, (width - 2, height - 2))
     part = (points - corner).astype(np.float32)
     x, y = part[..., :1], part[..., 1:]

@@ -164,7 +164,9 @@ def doubts(found: Discovery) -> list[str]:
         away = np.angle(np.exp(1j * (shift - middle))) if hinge else shift - middle
         if np.std(away) < (STILL_ANGLE if hinge else STILL_PIXELS):
             amount = f"{np.std(away):.2f} rad" if hinge else f"{np.std(away):.1f} pixels"
-            said.append(f"Part {k} moves little (rms {amount}), so that its joint is uncertain; record more motion of it.")
+            said.append(
+                f"Part {k} moves little (rms {amount}), so that its joint is uncertain; record more motion of it."
+            )
         if hidden > COVERED:
             said.append(
                 f"Part {k} is covered, or outside the image, in {100 * hidden:.0f} % of frames; record it in view."

@@ -1,6 +1,7 @@
-"""Frames from which a structure is found: few of many, reduced, parted into those that are fitted and those held out."""
+"""Frames from which a structure is found: few of many, reduced, some to be fitted and some held out."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.recordings import Dataset
 from keycld_envs.recordings.crop import moving_box
 
-Array = NDArray[np.float32]
+Array = NDArray[np.floating[Any]]
 LONGEST = 96
 """Pixels of the longer side, beyond which frames are reduced."""
 FRAMES = 120

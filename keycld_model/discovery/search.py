@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +63,7 @@ def joints(now: Placed) -> list[Joint]:
         mask = np.zeros(size[::-1], bool)
         index = np.rint(part.points - low).astype(int)
         mask[index[:, 1], index[:, 0]] = True
-        mask = ndimage.maximum_filter(mask, 2 * REACH + 1)
-        for x, y in _grid(mask):
+        for x, y in _grid(_near(mask)):
             place = (x + float(low[0]), y + float(low[1]))
             if part.joint.kind == "slide" or np.hypot(*place) > REACH:
                 found.append(Joint("hinge", k, place))
@@ -73,11 +73,16 @@ def joints(now: Placed) -> list[Joint]:
 def _on_ground(now: Placed) -> list[Joint]:
     """Hinges near what moves, and rails of all directions."""
     change = ((now.images - now.background) ** 2).sum(axis=-1) > CHANGED**2
-    near = ndimage.maximum_filter(change.mean(axis=0) > 0.01, 2 * REACH + 1)
-    height, width = near.shape
+    near = _near(change.mean(axis=0) > 0.01)
+    height, width = now.background.shape[:2]
     middle = ((width - 1) / 2, (height - 1) / 2)
     rails = [Joint("slide", None, middle, float(angle)) for angle in np.arange(RAILS) * np.pi / RAILS]
     return [*(Joint("hinge", None, place) for place in _grid(near)), *rails]
+
+
+def _near(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """A mask and all within `REACH` of it."""
+    return cast(NDArray[np.bool_], ndimage.maximum_filter(mask, 2 * REACH + 1))
 
 
 def _grid(mask: NDArray[np.bool_]) -> Iterator[tuple[float, float]]:
@@ -96,13 +101,19 @@ def candidates(now: Placed) -> list[Candidate]:
     moving = float(((now.images - now.background) ** 2).sum())
     coarse = _Level.of(now, COARSE_FRAMES, 2, moving)
     tried = [coarse.look(joint) for joint in joints(now)]
-    on_ground = {part.joint for part in now.parts}
-    near = [each if each.joint in on_ground else _refined(coarse, each, STEP / 2, 2) for each in _distinct(tried)]
+    there = {part.joint for part in now.parts}
+    near = [each if each.joint in there else _refined(coarse, each, STEP / 2, 2) for each in _distinct(tried)]
     close = sorted(near, key=lambda each: -each.share)
-    if close[0].joint in on_ground:
-        return close
-    fine = _Level.of(now, FINE_FRAMES, 1, moving)
-    return [_refined(fine, close[0], STEP / 4, 2), *close[1:]]
+    if close[0].joint not in there:
+        close[0] = _refined(_Level.of(now, FINE_FRAMES, 1, moving), close[0], STEP / 4, 2)
+    return _distinct([replace(each, joint=_simplest(now, each.joint)) for each in close])
+
+
+def _simplest(now: Placed, joint: Joint) -> Joint:
+    """A hinge at the hinge of its parent is one on what the parent is on."""
+    while joint.parent is not None and now.parts[joint.parent].joint.kind == "hinge" and np.hypot(*joint.place) < STEP:
+        joint = now.parts[joint.parent].joint
+    return joint
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,11 @@
 """The shape of a moving part, and how far it is shifted in each frame: both at once, by alternation."""
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import ndimage
 
 from keycld_model.discovery.charts import Array, Chart, Points, sample
 
@@ -70,7 +71,7 @@ class Alternation:
         self.data[..., 0] = self.error - weight * (self.values**2).sum(axis=-1)
         self.data[..., 1:4] = self.values * weight[..., None]
         self.data[..., 4] = weight
-        spectrum = fft.rfft(self.data, axis=1).transpose(1, 0, 2, 3)
+        spectrum = np.fft.rfft(self.data, axis=1).transpose(1, 0, 2, 3)
         self.spectrum = np.ascontiguousarray(spectrum).reshape(*spectrum.shape[:2], -1)
 
     def fit(self, starts: list[int], rounds: int = ROUNDS) -> Fit:
@@ -84,7 +85,7 @@ class Alternation:
         return best if self.chart.circular else self.place(_centred(best.shape))
 
     def relearn(self, fit: Fit) -> Fit:
-        """The shape anew where the part is, then its place; what covers it in some frames does not change its colour."""
+        """The shape anew where the part is, then its place; what covers it in some frames does not colour it."""
         index = np.rint(fit.shift / self.chart.unit).astype(int) % self.chart.size[0]
         shape = self._average(index, fit.gain > 0, robust=True)
         return self.place(shape if shape.there.any() else fit.shape)
@@ -119,23 +120,23 @@ class Alternation:
         there = shape.there[..., None]
         square = (shape.colour**2).sum(axis=-1, keepdims=True)
         pattern = np.concatenate([there, 2 * there * shape.colour, -there * square], axis=-1)
-        spectrum = fft.rfft(pattern.astype(np.float32), axis=0).conj()
+        spectrum = np.fft.rfft(pattern.astype(np.float32), axis=0).conj()
         product = np.matmul(self.spectrum, spectrum.reshape(len(spectrum), -1, 1))[..., 0]
-        return fft.irfft(product, n=len(pattern), axis=0).T
+        return np.fft.irfft(product, n=len(pattern), axis=0).T
 
     def _average(self, index: NDArray[np.intp], seen: NDArray[np.bool_], *, robust: bool = False) -> Shape:
         """The shape that reduces the error most, when frames are shifted back."""
         size = self.chart.size[0]
         wave = np.exp(2j * np.pi / size * np.arange(len(self.spectrum))[:, None] * index) * seen
         product = np.matmul(wave[:, None].astype(np.complex64), self.spectrum)
-        sums = fft.irfft(product.reshape(len(product), *self.area.shape[1:], 5), n=size, axis=0)
+        sums = np.fft.irfft(product.reshape(len(product), *self.area.shape[1:], 5), n=size, axis=0)
         total = np.maximum(sums[..., 4], 1e-3 * self.area)
         colour = sums[..., 1:4] / total[..., None]
         if robust:
             colour = self._robust(colour, index, seen)
         gain = sums[..., 0] + 2 * (sums[..., 1:4] * colour).sum(axis=-1) - total * (colour**2).sum(axis=-1)
         mode = ("wrap" if self.chart.circular else "nearest", "nearest")
-        smooth = ndimage.uniform_filter(gain, 3, mode=mode)
+        smooth = ndimage.uniform_filter(gain, 3, mode=cast(str, mode))
         there = (smooth > 0) & (total > SEEN * self.area * seen.sum())
         return Shape(there.astype(np.float32), colour.astype(np.float32))
 
@@ -183,4 +184,4 @@ def _look_up(grid: Array, where: Points, circular: bool) -> Array:
     if circular:
         grid = np.concatenate([grid, grid[:1]])
         where = np.stack([where[0], where[1].clip(0)])
-    return ndimage.map_coordinates(grid, where, order=1, mode="constant", cval=0.0, output=np.float32)
+    return cast(Array, ndimage.map_coordinates(grid, where, order=1, mode="constant", output=np.float32))

@@ -154,7 +154,9 @@ def _together(now: Placed, k: int, both: np.ndarray) -> bool:
     if one.kind == "slide":
         slope, offset = np.polyfit(a, b, 1)
         return bool(np.median(np.abs(b - slope * a - offset)) < TOGETHER_PIXELS < np.std(b))
-    off = [float(np.median(np.abs(np.angle(turn / turn.mean())))) for turn in (np.exp(1j * (b - a)), np.exp(1j * (b + a)))]
+    off = [
+        float(np.median(np.abs(np.angle(turn / turn.mean())))) for turn in (np.exp(1j * (b - a)), np.exp(1j * (b + a)))
+    ]
     return min(off) < TOGETHER_ANGLE < float(np.std(np.angle(np.exp(1j * (b - np.angle(np.exp(1j * b).mean()))))))
 
 
