@@ -51,7 +51,7 @@ def cart(rng: np.random.Generator) -> NDArray[np.uint8]:
     """A cart on a level rail 4 pixels below the middle, with a pole of 11 pixels."""
     image = np.full((SIDE, SIDE, 3), 0.1)
     hinge = np.array([MIDDLE + rng.uniform(-9, 9), MIDDLE + 4])
-    bar(image, hinge - (3, 0), hinge + (3, 0), BLUE)
+    bar(image, hinge - np.array([3, 0]), hinge + np.array([3, 0]), BLUE)
     bar(image, hinge, hinge + 11 * direction(rng.uniform(-np.pi, np.pi)), ORANGE)
     return (255 * image).round().astype(np.uint8)
 
@@ -72,6 +72,7 @@ def write(folder: Path, draw, number: int = 6, length: int = 10, actions: int = 
         recording = Recording(
             id=f"run-{i}",
             source="simulation",
+            units={"action": "N m"} if actions else {},
             actuator_names=tuple(f"motor-{k}" for k in range(actions)),
             t_frame=0.01 * np.arange(length),
             frames=images,
