@@ -8,8 +8,9 @@ from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_model.discovery.charts import Points
 from keycld_model.discovery.frames import Frames
-from keycld_model.discovery.parts import Part, Placed, Pose, ground
+from keycld_model.discovery.parts import Part, Placed, Pose, ground, raster
 from keycld_model.discovery.structure import PRICE, Discovery
+from keycld_model.tracking.sampling import connected, grown
 
 SAME = 2.0
 """Pixels; joints closer than that are at one place."""
@@ -103,6 +104,11 @@ def _places(parts: tuple[Part, ...], k: int, part: Part) -> list[tuple[float, fl
     if part.joint.kind == "slide":
         x, y = points.mean(axis=0)
     else:  # nodes of a polar grid are the denser the nearer
+        mask, index, _ = raster(points, 1)
+        pieces, number = connected(grown(mask, 1))
+        piece = pieces[tuple(index.T)]
+        weight = np.bincount(piece, weights=np.hypot(*points.T), minlength=number + 1)
+        points = points[piece == weight.argmax()]
         radius = np.hypot(*points.T)
         order = np.argsort(radius)
         mass = np.cumsum(radius[order]) / radius.sum()

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from keycld_model.discovery.charts import Array, Chart, Points
 from keycld_model.discovery.shapes import Alternation, Fit, Shape, draw
@@ -71,6 +72,19 @@ class Part:
         """[n, 2] its places in its own frame, pixels."""
         along = None if self.joint.kind == "hinge" else np.array([[1.0, 0.0]])
         return Chart(np.zeros((1, 2)), along, self.size).nodes()[0][0][self.shape.there > 0]
+
+
+def raster(points: Points, margin: int) -> tuple[NDArray[np.bool_], NDArray[np.intp], Points]:
+    """Points [n, 2] on a grid of whole pixels.
+
+    Returns:
+        [h, w], whether there is one in each pixel; [n, 2], row and column of each; [2], the grid's first pixel (x, y).
+    """
+    low = points.min(axis=0) - margin
+    index = np.rint(points - low).astype(int)[:, ::-1]
+    mask = np.zeros(index.max(axis=0) + margin + 1, bool)
+    mask[tuple(index.T)] = True
+    return mask, index, low
 
 
 def ground(number: int) -> Pose:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from keycld_model.discovery.charts import Array, Chart
-from keycld_model.discovery.parts import ANGLES, Joint, Placed, chart_of, size_of
+from keycld_model.discovery.parts import ANGLES, Joint, Placed, chart_of, raster, size_of
 from keycld_model.discovery.shapes import Alternation, Fit, resampled
 
 STEP = 3
@@ -58,11 +58,7 @@ def joints(now: Placed) -> list[Joint]:
         return _on_ground(now)
     found = list(dict.fromkeys(part.joint for part in now.parts if part.joint.parent is None))
     for k, part in enumerate(now.parts):
-        low = part.points.min(axis=0) - REACH
-        size = np.ceil(part.points.max(axis=0) + REACH - low).astype(int) + 1
-        mask = np.zeros(size[::-1], bool)
-        index = np.rint(part.points - low).astype(int)
-        mask[index[:, 1], index[:, 0]] = True
+        mask, _, low = raster(part.points, REACH)
         for x, y in _grid(_near(mask)):
             place = (x + float(low[0]), y + float(low[1]))
             if part.joint.kind == "slide" or np.hypot(*place) > REACH:
