@@ -75,6 +75,7 @@ def silent(steps: int = 1, note: str | None = None) -> None:
 
 
 def write(folder: Path, draw: Drawing, number: int = 6, length: int = 10, actions: int = 1) -> None:
+    times = np.linspace(0, 0.01 * (length - 1), length, dtype=np.float64)
     for i in range(number):
         images = np.stack([draw(np.random.default_rng([1, i, t])) for t in range(length)])
         recording = Recording(
@@ -82,9 +83,9 @@ def write(folder: Path, draw: Drawing, number: int = 6, length: int = 10, action
             source="simulation",
             units={"action": "N m"} if actions else {},
             actuator_names=tuple(f"motor-{k}" for k in range(actions)),
-            t_frame=0.01 * np.arange(length),
+            t_frame=times,
             frames=images,
-            t_action=0.01 * np.arange(length) if actions else None,
+            t_action=times if actions else None,
             action=np.zeros((length, actions)) if actions else None,
         )
         write_recording(folder / recording.id, recording)
