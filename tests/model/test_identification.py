@@ -10,7 +10,7 @@ from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_model.config import ModelConfig, NetworkConfig
 from keycld_model.modules import Parts
 from keycld_model.training.identification import identify
-from keycld_model.training.places import to_keypoints
+from keycld_model.places import to_keypoints
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unoptimised")]
 

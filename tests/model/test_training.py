@@ -29,7 +29,7 @@ from keycld_model.training.distil import Distil
 from keycld_model.training.fit import FitTrajectories, FitWindows
 from keycld_model.training.joint import Joint
 from keycld_model.training.keypoint_tables import keypoint_table, local_polynomials
-from keycld_model.training.places import end_rods, lean_along_rails, rails, slide_along_rods, to_keypoints, to_masses
+from keycld_model.places import end_rods, lean_along_rails, rails, slide_along_rods, to_keypoints, to_masses
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

@@ -1,0 +1,248 @@
+"""How far off identification may be: errors within a recording go together, and errors that go with the pose in all.
+
+Least squares that believed every keypoint to err by itself would be far too sure. Errors of an estimator of keypoints
+have two parts here. What is left of a recording is a single draw: each is left out once (a jackknife, as in Bell and
+McCaffrey, Bias Reduction in Standard Errors for Linear Regression with Multi-Stage Samples, 2002). What the pose determines is the same in all recordings, so that no number of them averages it out: a random
+function of the rods' angles, whose size by order of harmonic is told by what of it the motion leaves in the deviations
+(expectation maximisation for variance components, Dempster, Laird and Rubin 1977). Part of that function looks like
+other masses and forces; that part is as large as the part that does not.
+"""
+
+from functools import partial
+from itertools import product
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.flatten_util import ravel_pytree
+from numpy.typing import NDArray
+
+from keycld_envs.mechanism import Mechanism
+from keycld_model.modules import Parts
+from keycld_model.training.coordinates import Coordinates
+from keycld_model.training.fit import fit_states
+from keycld_model.training.identification import LEAN, Fit, Problem, identify
+from keycld_model.training.stage import Variables
+from keycld_model.uncertainty import Uncertainty, numbers_of
+
+ORDER, FUNCTIONS = 3, 64
+"""Highest harmonic of the rods' angles, fewer if there are more functions of a pose than that."""
+ITERATIONS = 10
+"""Gauss-Newton steps, at most."""
+ROUNDS = 200
+"""Of expectation maximisation."""
+UNKNOWN = 3.0
+"""Standard deviation, before recordings are seen, of what they do not determine, relative to the largest of its kind."""
+Vector = NDArray[np.float64]
+
+
+def measure_uncertainty(
+    parts: Parts, variables: Variables, keypoints: NDArray[np.float32], actions: NDArray[np.float32]
+) -> Uncertainty:
+    """Identify once more with everything free that motion can tell, and see how far off that may be.
+
+    Args:
+        parts: the networks; V and g must have linear terms.
+        variables: the trained model; "trajectories" `[N, n]`, if known, to start from.
+        keypoints: `[N, T, n]` of its estimator, image units.
+        actions: `[N, T-1, m]`.
+    """
+    there = jnp.zeros(parts.config.mechanism.num_keypoints)
+    variables = {**variables, "rod_scale": there, "lean": there}
+    if "trajectories" not in variables:
+        variables["trajectories"] = _trajectories(parts, variables, keypoints, actions)
+    found = identify(parts, variables, keypoints, actions, ITERATIONS, sparse=True, acting=True)
+    return covariance(parts, found, keypoints, actions)
+
+
+def _trajectories(
+    parts: Parts, variables: Variables, keypoints: NDArray[np.float32], actions: NDArray[np.float32]
+) -> Variables:
+    """Initial states of all sequences, from their first frames to all of them."""
+    start = None
+    for frames in (12, keypoints.shape[1] // 2, keypoints.shape[1]):
+        shown = jnp.asarray(keypoints[:, :frames])
+        start = fit_states(parts, variables, shown, actions[:, : shown.shape[1] - 1], start)
+    return start or {}
+
+
+def covariance(
+    parts: Parts, found: Variables, keypoints: NDArray[np.float32], actions: NDArray[np.float32]
+) -> Uncertainty:
+    """The uncertainty of what `identify(..., acting=True)` has found.
+
+    Args:
+        parts: the networks.
+        found: its result, an optimum.
+        keypoints: `[N, T, n]`, image units.
+        actions: `[N, T-1, m]`.
+    """
+    problem = Problem(parts, found, keypoints, actions, slide=True, at_masses=True)
+    trajectories = found["trajectories"]
+    fit = Fit(problem.start, trajectories["x"], trajectories["v"])
+    free = np.flatnonzero(~problem.absent(fit.theta))
+    features, order = _functions(parts.config.mechanism, np.asarray(found["dynamics"]["pivot"]), keypoints)
+    sums = _sums(problem, fit, features, free)
+    basis = _of_fixed_total(problem.coordinates, fit.theta, problem.first, free)
+    prior = np.diag(_prior(problem, fit.theta)[free]) * sums.noise
+    inverse = basis @ np.linalg.inv(basis.T @ (sums.hessian + prior) @ basis) @ basis.T
+    count = len(sums.gradients)
+    others = basis.T @ (sums.hessian + prior - sums.hessians) @ basis
+    without = np.linalg.solve(others, (sums.gradients @ basis)[..., None])[..., 0] @ basis.T
+    size = _sizes(sums, inverse, order)
+    spread = (count - 1) / count * without.T @ without
+    spread += inverse @ ((sums.mixed * size) @ sums.mixed.T + prior * sums.noise) @ inverse
+    values, vectors = np.linalg.eigh(spread)
+    large = values > 1e-9 * values.max()
+    root = np.zeros((int(large.sum()), len(fit.theta)))
+    root[:, free] = (vectors[:, large] * np.sqrt(values[large])).T
+    return _stored(problem.coordinates, problem.first, fit.theta, root, sums)
+
+
+class _Sums(NamedTuple):
+    """Normal equations over all sequences, whose own initial states have been eliminated.
+
+    Attributes:
+        hessian: `[p, p]` of the shared parameters.
+        hessians: `[N, p, p]` of every sequence.
+        gradients: `[N, p]` of every sequence.
+        mixed: `[p, f]` of these with amplitudes of functions of the pose.
+        functions: `[f, f]` of the amplitudes.
+        answers: `[N, f]` their gradients.
+        noise: squared error of a coordinate in a typical sequence.
+        spread: its root, errors beyond the usual limited.
+        correlation: of errors in frames that follow each other.
+    """
+
+    hessian: Vector
+    hessians: Vector
+    gradients: Vector
+    mixed: Vector
+    functions: Vector
+    answers: Vector
+    noise: float
+    spread: float
+    correlation: float
+
+
+def _sums(problem: Problem, fit: Fit, features: Vector, free: NDArray[np.intp]) -> _Sums:
+    """Sequences that diverged are left out."""
+    errors, jacobians, weights, costs = problem.linearised(fit)
+    n, t, p = 2 * problem.mechanism.num_keypoints, features.shape[1], len(free)
+    good = np.isfinite(costs) & np.asarray(jnp.isfinite(jacobians).all((1, 2)) & jnp.isfinite(errors).all(1))
+    total, hessians, gradients = 0.0, [], []
+    for i in np.flatnonzero(good):
+        jacobian, shapes = np.asarray(jacobians[i], np.float64), np.kron(features[i], np.eye(n))
+        rows, own = np.hstack([jacobian[:, free], shapes]), jacobian[:, len(fit.theta) :]
+        weighted = own.T * np.asarray(weights[i], np.float64)
+        inner = weighted @ own
+        inner += 1e-9 * np.trace(inner) * np.eye(len(inner))
+        rows = rows - own @ np.linalg.solve(inner, weighted @ rows)
+        weighted = rows.T * np.asarray(weights[i], np.float64)
+        total += weighted @ rows
+        hessians.append((weighted[:p] @ rows[:, :p]).astype(np.float32))
+        gradients.append(weighted @ np.asarray(errors[i], np.float64))
+    gradients = np.array(gradients)
+    noise = float(np.median(costs[good]) / problem.mechanism.num_keypoints)
+    limit = 3 * np.sqrt(noise)
+    usual = np.clip(np.asarray(errors)[good].reshape(-1, t, n), -limit, limit)
+    correlation = (usual[:, 1:] * usual[:, :-1]).mean() / (usual**2).mean()
+    total = np.asarray(total)
+    return _Sums(
+        total[:p, :p],
+        np.array(hessians),
+        gradients[:, :p],
+        total[:p, p:],
+        total[p:, p:],
+        gradients[:, p:],
+        noise,
+        float(np.sqrt((usual**2).mean())),
+        float(np.clip(correlation, 0, 1)),
+    )
+
+
+def _sizes(sums: _Sums, inverse: Vector, order: NDArray[np.intp]) -> Vector:
+    """Variances `[f]` of the amplitudes of functions of the pose, alike for all of an order.
+
+    Args:
+        sums: normal equations.
+        inverse: `[p, p]` of the shared parameters' Hessian.
+        order: `[f]` of the functions.
+    """
+    solved = inverse @ sums.mixed
+    seen = sums.functions - sums.mixed.T @ solved
+    answers = sums.gradients @ solved - sums.answers
+    noise = np.trace(answers.T @ answers) / np.trace(seen)
+    size = np.full(len(order), sums.noise)
+    for _ in range(ROUNDS):
+        left = np.linalg.inv(np.diag(1 / size) + seen / noise)
+        squared = (left @ answers.sum(0) / noise) ** 2 + np.diag(left)
+        size = np.maximum(np.array([squared[order == o].mean() for o in order]), 1e-12)
+    return size
+
+
+def _functions(
+    mechanism: Mechanism, pivot: Vector, keypoints: NDArray[np.float32]
+) -> tuple[Vector, NDArray[np.intp]]:
+    """Harmonics of the rods' angles `[N, T, h]`, and the order of each for each coordinate, `[h*n]`."""
+    points = keypoints.reshape(*keypoints.shape[:2], -1, 2).astype(np.float64)
+    rods = [points[:, :, r.end] - (pivot if r.start is None else points[:, :, r.start]) for r in mechanism.rods]
+    angles = np.stack([np.arctan2(r[..., 0], r[..., 1]) for r in rods], -1) if rods else points[:, :, :0, 0]
+    largest = ORDER
+    while len(_multiples(len(rods), largest)) * 2 > FUNCTIONS:
+        largest -= 1
+    multiples = _multiples(len(rods), largest)
+    turned = angles @ np.array(multiples, float).reshape(len(multiples), len(rods)).T
+    features = np.concatenate([np.ones((*turned.shape[:2], 1)), np.cos(turned), np.sin(turned)], -1)
+    order = [0, *2 * [sum(map(abs, m)) for m in multiples]]
+    return features, np.repeat(np.array(order), keypoints.shape[-1])
+
+
+def _multiples(rods: int, largest: int) -> list[tuple[int, ...]]:
+    """Whole multiples of the angles of rods, up to a sum, one of each pair of opposites."""
+    found = product(range(-largest, largest + 1), repeat=rods)
+    return [m for m in found if 0 < sum(map(abs, m)) <= largest and m > tuple(-i for i in m)]
+
+
+def _of_fixed_total(coordinates: Coordinates, theta: Vector, first: Variables, free: NDArray[np.intp]) -> Vector:
+    """Orthonormal basis `[p, p-1]` of the changes that leave the total mass, which motion does not tell."""
+    scale = coordinates.unravel(first)
+
+    def total(theta: Array) -> Array:
+        p = scale(theta)
+        return jnp.sum(jnp.exp(p["inertia"].at[coordinates.ends].add(-2 * p["rod_scale"])))
+
+    slope = np.asarray(jax.grad(total)(jnp.asarray(theta, jnp.float32)), np.float64)[free]
+    return np.linalg.svd(slope[None])[2][1:].T
+
+
+def _prior(problem: Problem, theta: Vector) -> Vector:
+    """`[p]` inverse variances before recordings are seen, by which a number that they do not tell is not known."""
+    p = problem.named(theta)
+    broad = {
+        "inertia": UNKNOWN,
+        "rod_scale": 0.5,
+        "lean": LEAN,
+        "level": 1.0,
+        "potential": UNKNOWN * float(jnp.abs(p["potential"]).max(initial=0.1)),
+    }
+    broad["input"] = broad["constant_input"] = UNKNOWN * float(
+        max(jnp.abs(p[name]).max(initial=0.1) for name in ("input", "constant_input"))
+    )
+    return np.asarray(ravel_pytree({name: jnp.full_like(p[name], broad[name] ** -2) for name in p})[0], np.float64)
+
+
+def _stored(coordinates: Coordinates, first: Variables, theta: Vector, root: Vector, sums: _Sums) -> Uncertainty:
+    """In the model's own numbers."""
+
+    def numbers(theta: Array) -> dict[str, Array]:
+        found = coordinates.variables(first, theta)
+        return numbers_of(found, found["rod_scale"], found["lean"])
+
+    here = jnp.asarray(theta, jnp.float32)
+    middle = numbers(here)
+    steps = jax.vmap(lambda step: jax.jvp(numbers, (here,), (step,))[1])(jnp.asarray(root, jnp.float32))
+    arrays = partial(jax.tree.map, np.asarray)
+    return Uncertainty(arrays(middle), arrays(steps), sums.spread, sums.correlation)
