@@ -167,9 +167,7 @@ class WorldModel(LearnedSystem):
             )
         return self.uncertainty
 
-    def predict(
-        self, images: ArrayLike, actions: ArrayLike, steps: int, samples: int = 0, seed: int = 0
-    ) -> Prediction:
+    def predict(self, images: ArrayLike, actions: ArrayLike, steps: int, samples: int = 0, seed: int = 0) -> Prediction:
         """Predict a sequence from its first frames.
 
         The state at the first frame is the least-squares fit of a trajectory of the model to all given frames, first to

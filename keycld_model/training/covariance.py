@@ -2,12 +2,14 @@
 
 Least squares that believed every keypoint to err by itself would be far too sure. Errors of an estimator of keypoints
 have two parts here. What is left of a recording is a single draw: each is left out once (a jackknife, as in Bell and
-McCaffrey, Bias Reduction in Standard Errors for Linear Regression with Multi-Stage Samples, 2002). What the pose determines is the same in all recordings, so that no number of them averages it out: a random
-function of the rods' angles, whose size by order of harmonic is told by what of it the motion leaves in the deviations
-(expectation maximisation for variance components, Dempster, Laird and Rubin 1977). Part of that function looks like
-other masses and forces; that part is as large as the part that does not.
+McCaffrey, Bias Reduction in Standard Errors for Linear Regression with Multi-Stage Samples, 2002). What the pose
+determines is the same in all recordings, so that no number of them averages it out: a random function of the rods'
+angles, whose size by order of harmonic is told by what of it the motion leaves in the deviations (expectation
+maximisation for variance components: Dempster, Laird and Rubin 1977). Part of that function looks like other masses and
+forces; that part is as large as the part that does not.
 """
 
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from typing import NamedTuple
@@ -18,29 +20,38 @@ import numpy as np
 from jax import Array
 from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
+from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
+from keycld_envs.recordings import Dataset
 from keycld_model.modules import Parts
 from keycld_model.training.coordinates import Coordinates
+from keycld_model.training.data import TrainingData, check_fits
 from keycld_model.training.fit import fit_states
-from keycld_model.training.identification import LEAN, Fit, Problem, identify
+from keycld_model.training.identification import LEAN, Fit, Problem, minimise
 from keycld_model.training.stage import Variables
 from keycld_model.uncertainty import Uncertainty, numbers_of
+from keycld_model.world_model import WorldModel
 
 ORDER, FUNCTIONS = 3, 64
 """Highest harmonic of the rods' angles, fewer if there are more functions of a pose than that."""
-ITERATIONS = 10
+ITERATIONS = 20
 """Gauss-Newton steps, at most."""
+FEWEST = 3
+"""Sequences that tell of a spread between sequences."""
 ROUNDS = 200
 """Of expectation maximisation."""
+TOLD = 0.1
+"""Share of a function of the pose that other masses and forces must leave in the deviations, to tell its size."""
 UNKNOWN = 3.0
-"""Standard deviation, before recordings are seen, of what they do not determine, relative to the largest of its kind."""
+"""Standard deviation of what recordings do not determine, relative to the largest of its kind."""
 Vector = NDArray[np.float64]
 
 
 def measure_uncertainty(
     parts: Parts, variables: Variables, keypoints: NDArray[np.float32], actions: NDArray[np.float32]
-) -> Uncertainty:
+) -> Uncertainty | None:
     """Identify once more with everything free that motion can tell, and see how far off that may be.
 
     Args:
@@ -48,13 +59,49 @@ def measure_uncertainty(
         variables: the trained model; "trajectories" `[N, n]`, if known, to start from.
         keypoints: `[N, T, n]` of its estimator, image units.
         actions: `[N, T-1, m]`.
+
+    Returns:
+        None if too few sequences could be followed, or V and g have no linear terms.
     """
+    if not parts.config.networks.identifiable:
+        return None
     there = jnp.zeros(parts.config.mechanism.num_keypoints)
     variables = {**variables, "rod_scale": there, "lean": there}
     if "trajectories" not in variables:
         variables["trajectories"] = _trajectories(parts, variables, keypoints, actions)
-    found = identify(parts, variables, keypoints, actions, ITERATIONS, sparse=True, acting=True)
-    return covariance(parts, found, keypoints, actions)
+    states = variables["trajectories"]
+    problem = Problem(parts, variables, keypoints, actions, slide=True, at_masses=True)
+    absent, lean = problem.absent(problem.start), problem.where("lean")
+    fit = Fit(np.where(absent, 0, problem.start), states["x"], states["v"])
+    fit, _ = minimise(problem, fit, ITERATIONS, lambda _: lean / LEAN**2, ~absent)
+    pivot = np.asarray(variables["dynamics"]["pivot"])
+    sums = _sums(problem, fit, *_functions(parts.config.mechanism, pivot, keypoints), np.flatnonzero(~absent))
+    return None if sums is None else _uncertainty(problem, fit, sums)
+
+
+def with_uncertainty(model: WorldModel, dataset: Dataset) -> WorldModel:
+    """The same model, which knows how far masses, lengths, V and g may be off.
+
+    Args:
+        model: trained.
+        dataset: recordings of its mechanism; of those that it was trained on, the held-out ones stay apart.
+
+    Raises:
+        InputError: if recordings do not fit, too few can be followed, or V and g of the model have no linear terms.
+    """
+    meta = model.meta or {}
+    if meta.get("data", {}).get("sha256") == dataset.sha256:
+        dataset = dataset.split(meta["validation"])[0]
+    data = TrainingData.from_dataset(dataset, meta.get("length", 50))
+    check_fits(data, model.config, dataset)
+    keypoints = model.keypoints(data.frames).reshape(data.num_sequences, data.length, -1)
+    found = measure_uncertainty(model.parts, dict(model.parameters), keypoints, data.actions)
+    if found is None:
+        raise InputError(
+            f"{model.name} has no masses that are linear in what moves, or follows too few of {dataset.folder}; "
+            "use a model of the preset default, and recordings that it predicts well."
+        )
+    return replace(model, uncertainty=found)
 
 
 def _trajectories(
@@ -68,36 +115,20 @@ def _trajectories(
     return start or {}
 
 
-def covariance(
-    parts: Parts, found: Variables, keypoints: NDArray[np.float32], actions: NDArray[np.float32]
-) -> Uncertainty:
-    """The uncertainty of what `identify(..., acting=True)` has found.
-
-    Args:
-        parts: the networks.
-        found: its result, an optimum.
-        keypoints: `[N, T, n]`, image units.
-        actions: `[N, T-1, m]`.
-    """
-    problem = Problem(parts, found, keypoints, actions, slide=True, at_masses=True)
-    trajectories = found["trajectories"]
-    fit = Fit(problem.start, trajectories["x"], trajectories["v"])
-    free = np.flatnonzero(~problem.absent(fit.theta))
-    features, order = _functions(parts.config.mechanism, np.asarray(found["dynamics"]["pivot"]), keypoints)
-    sums = _sums(problem, fit, features, free)
-    basis = _of_fixed_total(problem.coordinates, fit.theta, problem.first, free)
-    prior = np.diag(_prior(problem, fit.theta)[free]) * sums.noise
+def _uncertainty(problem: Problem, fit: Fit, sums: "_Sums") -> Uncertainty:
+    """A Gaussian of low rank around an optimum."""
+    basis = _of_fixed_total(problem.coordinates, fit.theta, problem.first, sums.free)
+    prior = np.diag(_prior(problem, fit.theta)[sums.free]) * sums.noise
     inverse = basis @ np.linalg.inv(basis.T @ (sums.hessian + prior) @ basis) @ basis.T
     count = len(sums.gradients)
     others = basis.T @ (sums.hessian + prior - sums.hessians) @ basis
     without = np.linalg.solve(others, (sums.gradients @ basis)[..., None])[..., 0] @ basis.T
-    size = _sizes(sums, inverse, order)
     spread = (count - 1) / count * without.T @ without
-    spread += inverse @ ((sums.mixed * size) @ sums.mixed.T + prior * sums.noise) @ inverse
+    spread += inverse @ ((sums.mixed * _sizes(sums, inverse)) @ sums.mixed.T + prior * sums.noise) @ inverse
     values, vectors = np.linalg.eigh(spread)
     large = values > 1e-9 * values.max()
     root = np.zeros((int(large.sum()), len(fit.theta)))
-    root[:, free] = (vectors[:, large] * np.sqrt(values[large])).T
+    root[:, sums.free] = (vectors[:, large] * np.sqrt(values[large])).T
     return _stored(problem.coordinates, problem.first, fit.theta, root, sums)
 
 
@@ -105,6 +136,8 @@ class _Sums(NamedTuple):
     """Normal equations over all sequences, whose own initial states have been eliminated.
 
     Attributes:
+        free: `[p]` indices of the shared parameters that move.
+        order: `[f]` of each function of the pose.
         hessian: `[p, p]` of the shared parameters.
         hessians: `[N, p, p]` of every sequence.
         gradients: `[N, p]` of every sequence.
@@ -116,6 +149,8 @@ class _Sums(NamedTuple):
         correlation: of errors in frames that follow each other.
     """
 
+    free: NDArray[np.intp]
+    order: NDArray[np.intp]
     hessian: Vector
     hessians: Vector
     gradients: Vector
@@ -127,11 +162,15 @@ class _Sums(NamedTuple):
     correlation: float
 
 
-def _sums(problem: Problem, fit: Fit, features: Vector, free: NDArray[np.intp]) -> _Sums:
-    """Sequences that diverged are left out."""
+def _sums(
+    problem: Problem, fit: Fit, features: Vector, order: NDArray[np.intp], free: NDArray[np.intp]
+) -> _Sums | None:
+    """Sequences that diverged are left out; None if fewer than `FEWEST` are left."""
     errors, jacobians, weights, costs = problem.linearised(fit)
     n, t, p = 2 * problem.mechanism.num_keypoints, features.shape[1], len(free)
     good = np.isfinite(costs) & np.asarray(jnp.isfinite(jacobians).all((1, 2)) & jnp.isfinite(errors).all(1))
+    if good.sum() < FEWEST:
+        return None
     total, hessians, gradients = 0.0, [], []
     for i in np.flatnonzero(good):
         jacobian, shapes = np.asarray(jacobians[i], np.float64), np.kron(features[i], np.eye(n))
@@ -151,6 +190,8 @@ def _sums(problem: Problem, fit: Fit, features: Vector, free: NDArray[np.intp]) 
     correlation = (usual[:, 1:] * usual[:, :-1]).mean() / (usual**2).mean()
     total = np.asarray(total)
     return _Sums(
+        free,
+        order,
         total[:p, :p],
         np.array(hessians),
         gradients[:, :p],
@@ -163,29 +204,31 @@ def _sums(problem: Problem, fit: Fit, features: Vector, free: NDArray[np.intp]) 
     )
 
 
-def _sizes(sums: _Sums, inverse: Vector, order: NDArray[np.intp]) -> Vector:
+def _sizes(sums: _Sums, inverse: Vector) -> Vector:
     """Variances `[f]` of the amplitudes of functions of the pose, alike for all of an order.
 
     Args:
         sums: normal equations.
         inverse: `[p, p]` of the shared parameters' Hessian.
-        order: `[f]` of the functions.
     """
     solved = inverse @ sums.mixed
     seen = sums.functions - sums.mixed.T @ solved
     answers = sums.gradients @ solved - sums.answers
-    noise = np.trace(answers.T @ answers) / np.trace(seen)
-    size = np.full(len(order), sums.noise)
+    whole = sums.functions + 1e-9 * np.trace(sums.functions) * np.eye(len(sums.order))
+    share, directions = eigh(seen, whole)  # directions.T @ whole @ directions = 1
+    told = directions[:, share > TOLD]
+    answers, share = answers @ told, share[share > TOLD]
+    noise = (answers**2 / share).sum() / max(len(share), 1)
+    seen, sought = (whole @ told * share) @ told.T @ whole, whole @ told @ answers.sum(0)
+    size = np.full(len(sums.order), sums.noise)
     for _ in range(ROUNDS):
         left = np.linalg.inv(np.diag(1 / size) + seen / noise)
-        squared = (left @ answers.sum(0) / noise) ** 2 + np.diag(left)
-        size = np.maximum(np.array([squared[order == o].mean() for o in order]), 1e-12)
+        squared = (left @ sought / noise) ** 2 + np.diag(left)
+        size = np.maximum(np.array([squared[sums.order == o].mean() for o in sums.order]), 1e-12)
     return size
 
 
-def _functions(
-    mechanism: Mechanism, pivot: Vector, keypoints: NDArray[np.float32]
-) -> tuple[Vector, NDArray[np.intp]]:
+def _functions(mechanism: Mechanism, pivot: Vector, keypoints: NDArray[np.float32]) -> tuple[Vector, NDArray[np.intp]]:
     """Harmonics of the rods' angles `[N, T, h]`, and the order of each for each coordinate, `[h*n]`."""
     points = keypoints.reshape(*keypoints.shape[:2], -1, 2).astype(np.float64)
     rods = [points[:, :, r.end] - (pivot if r.start is None else points[:, :, r.start]) for r in mechanism.rods]

@@ -76,11 +76,11 @@ def identify(
     problem = Problem(parts, variables, keypoints, actions, slide, at_masses=acting)
     fit = Fit(problem.start, variables["trajectories"]["x"], variables["trajectories"]["v"])
     lean = problem.where("lean")
-    fit, cost = _minimise(problem, fit, iterations, problem.price if sparse else np.zeros_like, ~lean)
+    fit, cost = minimise(problem, fit, iterations, problem.price if sparse else np.zeros_like, ~lean)
     if acting:
         absent = problem.absent(fit.theta)
         fewer = fit._replace(theta=np.where(absent, 0, fit.theta))
-        fewer, without = _minimise(problem, fewer, iterations, lambda _: lean / LEAN**2, ~absent)
+        fewer, without = minimise(problem, fewer, iterations, lambda _: lean / LEAN**2, ~absent)
         fit = fewer if without <= cost else fit
     found = problem.coordinates.variables(problem.first, jnp.asarray(fit.theta, jnp.float32))
     return {**variables, **found, "trajectories": {"x": fit.x, "v": fit.v}}
@@ -94,7 +94,7 @@ class Fit(NamedTuple):
     v: Array
 
 
-def _minimise(
+def minimise(
     problem: "Problem", fit: Fit, iterations: int, price: Callable[[Vector], Vector], free: NDArray[np.bool_]
 ) -> tuple[Fit, float]:
     """Levenberg-Marquardt on deviations and the price of the parameters that are free.

@@ -18,7 +18,7 @@ from keycld_model.places import to_keypoints
 from keycld_model.training.covariance import measure_uncertainty
 
 Array = NDArray[np.float64]
-RECORDINGS, FRAMES = 60, 50
+RECORDINGS, FRAMES = 40, 50
 POSES = 4
 """At which V and g are compared."""
 SMALL = 0.05
@@ -83,19 +83,18 @@ def compare(model: WorldModel, truth: Truth, seed: int, seen: Array | None = Non
     return Compared(true, {name: np.asarray(value, np.float64) for name, value in intervals.items()})
 
 
-def compare_drawn(kind: Kind, seed: int, errors: Errors = Errors()) -> Compared:
+def compare_drawn(kind: Kind, seed: int) -> Compared:
     """Of a drawn mechanism, from keypoints with an estimator's errors.
 
     Args:
         kind: of mechanism.
         seed: of the mechanism, its motions, errors, and where identification starts.
-        errors: of keypoints.
     """
     truth, rng = truth_of(drawn_mechanism(kind, seed)), np.random.default_rng((seed, 7))
     motion = simulate(truth, RECORDINGS, FRAMES, rng)
     x = truth.positions(motion.qpos)
     exact = x.reshape(RECORDINGS, FRAMES, -1)
-    keypoints = (exact + errors.draw(rod_angles(truth, x), exact.shape[-1], rng)).astype(np.float32)
+    keypoints = (exact + Errors().draw(rod_angles(truth, x), exact.shape[-1], rng)).astype(np.float32)
     parts, variables = near_truth(truth, rng)
     start = exact[:, 0].astype(np.float32)
     variables["trajectories"] = {"x": jax.numpy.asarray(start), "v": jax.numpy.zeros_like(start)}

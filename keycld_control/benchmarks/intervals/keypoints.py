@@ -1,6 +1,7 @@
 """Keypoints of drawn mechanisms as a trained estimator sees them, without its images: noise, and errors by the pose."""
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import jax
 import jax.numpy as jnp
@@ -91,7 +92,9 @@ def rod_angles(truth: Truth, x: Array) -> Array:
 
 
 def near_truth(truth: Truth, rng: np.random.Generator, off: float = 0.03) -> tuple[Parts, Variables]:
-    """A model whose numbers are some of the true ones' own size off: where the fit of short windows leaves it.
+    """A model whose numbers are some of the true ones' own size off: where training leaves it.
+
+    Motors act where they do; that training finds it out is measured elsewhere.
 
     Args:
         truth: what to start beside.
@@ -105,15 +108,31 @@ def near_truth(truth: Truth, rng: np.random.Generator, off: float = 0.03) -> tup
     def about(value: Array) -> Array:
         return value * np.exp(off * rng.normal(size=np.shape(value)))
 
-    n, scale = 2 * mechanism.num_keypoints, parts.config.networks.force_scale
+    scale = parts.config.networks.force_scale
     dynamics["log_masses"] = np.log(about(truth.masses))
     lengths = np.concatenate([about(truth.lengths) ** 2 / 2, np.zeros(len(mechanism.sliders))])
     dynamics["level"] = lengths
     dynamics["pivot"] = np.asarray(mechanism.pivot)
     dynamics["potential"]["linear"]["kernel"][1::2, 0] = about(truth.weights) / scale
-    q = rng.uniform(-1, 1, (60, truth.model.nq))
-    x = truth.positions(q).reshape(len(q), n)
-    rows, forces = np.column_stack([x, np.ones(len(q))]), truth.forces(q).reshape(len(q), -1)
-    linear = np.linalg.lstsq(rows, forces)[0] / scale
+    linear = sparse_forces(truth) / scale
     dynamics["input"]["linear"] = {"kernel": about(linear[:-1]), "bias": about(linear[-1])}
     return parts, {"dynamics": jax.tree.map(lambda a: jnp.asarray(a, jnp.float32), dynamics)}
+
+
+def sparse_forces(truth: Truth) -> Array:
+    """Forces `[n+1, n*m]`, linear in positions and 1, of each motor on the fewest point masses that it can act on."""
+    qpos = np.random.default_rng(0).uniform(-2, 2, (40, truth.model.nq))
+    x = truth.positions(qpos).reshape(len(qpos), -1)
+    jacobian, rows = truth.jacobian(qpos), np.column_stack([x, np.ones(len(qpos))])
+    count, n = truth.system.mechanism.num_keypoints, x.shape[1]
+    out = np.zeros((n + 1, n, truth.model.nu))
+    for motor, torque in enumerate(truth.torques.T):
+        for size, points in ((s, p) for s in range(1, count + 1) for p in combinations(range(count), s)):
+            where = np.repeat(2 * np.array(points), 2) + np.tile([0, 1], size)
+            design = np.einsum("qb,qni->qibn", rows, jacobian[:, where]).reshape(-1, (n + 1) * len(where))
+            asked = np.tile(torque, len(qpos))
+            found = np.linalg.lstsq(design, asked, rcond=1e-9)[0]
+            if np.allclose(design @ found, asked, atol=1e-5 * np.abs(asked).max()):
+                out[:, where, motor] = found.reshape(n + 1, -1)
+                break
+    return out.reshape(n + 1, -1)
