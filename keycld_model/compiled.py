@@ -63,29 +63,35 @@ class CompiledModel:
         return self._rollouts[refine](parameters, frames, actions)
 
     def sampled(
-        self, parameters: Parameters, numbers: Mapping[str, Floats], seen: Floats, actions: Floats
-    ) -> NDArray[np.float32]:
+        self,
+        parameters: Parameters,
+        numbers: Mapping[str, Floats],
+        state: tuple[Floats, Floats],
+        seen: Floats,
+        u: Floats,
+    ) -> Floats:
         """Keypoints `[samples, T, n]` of rollouts with other masses, lengths and forces, from other first keypoints.
 
         Args:
             parameters: of the model.
             numbers: see `keycld_model.uncertainty.Uncertainty`, with a leading axis of samples.
+            state: keypoints and velocities `[n]` at the first frame, near which theirs are.
             seen: `[samples, C, n]` keypoints in the first C frames, image units.
-            actions: `[T-1, m]`.
+            u: `[T-1, m]` actions.
         """
-        return np.asarray(self._sampled(parameters, dict(numbers), seen, actions))
+        return np.asarray(self._sampled(parameters, dict(numbers), state, seen, u))
 
     @cached_property
     def _sampled(self) -> Callable[..., Array]:
         mechanism, h = self.parts.config.mechanism, self.parts.config.timestep
 
-        def one(parameters: Parameters, numbers: dict[str, Array], seen: Array, u: Array) -> Array:
+        def one(parameters: Parameters, numbers: dict[str, Array], state: Any, seen: Array, u: Array) -> Array:
             dynamics = self._dynamics(with_numbers(parameters, numbers))
-            masses = to_masses(mechanism, numbers, seen)
-            state = estimate_state(dynamics, masses, u[: len(seen) - 1], h, fine=True)
+            *start, masses = (to_masses(mechanism, numbers, x) for x in (*state, seen))
+            state = estimate_state(dynamics, masses, u[: len(seen) - 1], h, start=(start[0], start[1]), fine=True)
             return to_keypoints(mechanism, numbers, dynamics.rollout(*state, u, h, fine=True)[0])
 
-        return jax.jit(jax.vmap(one, (None, 0, 0, None)))
+        return jax.jit(jax.vmap(one, (None, 0, None, 0, None)))
 
     @cached_property
     def _keypoints(self) -> Callable[[Parameters, NDArray[Any]], Array]:

@@ -192,11 +192,13 @@ class WorldModel(LearnedSystem):
             raise InputError(f"steps is {steps}, but {len(frames)} frames are given; ask for at least as many.")
         u = actions_of(actions, steps - 1, self.mechanism.num_actions)
         keypoints, velocities = self.rollout(frames[None], u[None])
-        drawn = self._samples(keypoints[0], len(frames), u, samples, seed) if samples else None
+        drawn = self._samples(keypoints[0], velocities[0], len(frames), u, samples, seed) if samples else None
         return Prediction(self.render(keypoints[0]), keypoints[0], velocities[0], drawn)
 
-    def _samples(self, keypoints: Floats, context: int, actions: Floats, count: int, seed: int) -> Floats:
-        """`[count, T, K, 2]` from keypoints `[T, K, 2]`, of which the first C were measured."""
+    def _samples(
+        self, keypoints: Floats, velocities: Floats, context: int, actions: Floats, count: int, seed: int
+    ) -> Floats:
+        """`[count, T, K, 2]` around a prediction `[T, K, 2]`, the first C frames of which were given."""
         check_whole("samples", count, 1, 10**6)
         check_whole("seed", seed, 0, 2**63)
         uncertainty, rng = self._known_uncertainty(), np.random.default_rng(seed)
@@ -204,7 +206,8 @@ class WorldModel(LearnedSystem):
         seen = keypoints[:context].reshape(context, -1)
         seen = seen + uncertainty.keypoint_errors((count, *seen.shape), rng)
         u = actions if self.added is None else self.added.at_motors(actions).astype(np.float32)
-        return self._compiled.sampled(self.parameters, numbers, seen, u).reshape(count, *keypoints.shape)
+        state = keypoints[0].ravel(), velocities[0].ravel()
+        return self._compiled.sampled(self.parameters, numbers, state, seen, u).reshape(count, *keypoints.shape)
 
     def rollout(self, images: ArrayLike, actions: ArrayLike, refine: bool = True) -> tuple[Floats, Floats]:
         """Predict the keypoints of many sequences from their first frames.

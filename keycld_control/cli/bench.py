@@ -69,7 +69,7 @@ def run(args: Args) -> None:
     weights = Weights(chosen_systems(args.system), args.weights)
     if args.data is not None and (missing := [s for s in weights.systems if not (args.data / s).is_dir()]):
         raise InputError(f"{args.data} has no folder {missing[0]!r}; it must hold one data set per system.")
-    if set(parts) - {"envs", "positions", "intervals"}:
+    if set(parts) - {"envs", "positions"}:
         weights.check()
     report = {"machine": machine(), "settings": asdict(args) | {"only": parts}, "complete": False, "figures": []}
     for part in parts:
@@ -122,8 +122,9 @@ def _measure(part: Part, args: Args, weights: "Weights") -> Iterator["Figure"]:
 
         yield from model_figures(weights, args.data, args.workers)
     elif part == "intervals":
-        from keycld_control.benchmarks.intervals.coverage import interval_figures
+        from keycld_control.benchmarks.intervals.coverage import interval_figures, trained_figures
 
+        yield from trained_figures(weights, args.seed)
         yield from interval_figures(args.mechanisms, args.seed)
     else:
         from keycld_control.benchmarks.swingup import swing_up_success

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import bootstrap
@@ -12,12 +13,14 @@ from keycld_control.benchmarks.figure import Figure
 from keycld_control.benchmarks.intervals.keypoints import Errors, near_truth, rod_angles, simulate
 from keycld_control.benchmarks.intervals.mechanisms import KINDS, Kind, drawn_mechanism
 from keycld_control.benchmarks.intervals.truth import Truth, truth_of
+from keycld_control.benchmarks.weights import Weights
 from keycld_envs.progress import progress
+from keycld_envs.systems import get_system
 from keycld_model import WorldModel
 from keycld_model.places import to_keypoints
 from keycld_model.training.covariance import measure_uncertainty
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 RECORDINGS, FRAMES = 40, 50
 POSES = 4
 """At which V and g are compared."""
@@ -48,29 +51,30 @@ class Compared:
         }
 
 
-def compare(model: WorldModel, truth: Truth, seed: int, seen: Array | None = None) -> Compared:
+def compare(model: WorldModel, truth: Truth, seed: int) -> Compared:
     """Intervals of a model beside what is true of the mechanism.
 
+    Its estimator may see an end of a rod beside the mass, so V and g are asked for where it sees the true positions.
     Nothing tells where on its rod the only mass of a pendulum is, so its own length is the unit there.
 
     Args:
         model: with uncertainties.
         truth: of the mechanism that it has learned.
         seed: of the poses at which V and g are compared.
-        seen: `[R]` lengths of rods between keypoints as the estimator sees them; None if it sees them at the masses.
     """
-    mechanism, nq = model.mechanism, truth.model.nq
-    lengths = model.intervals().lengths
+    mechanism, uncertainty = model.mechanism, model.uncertainty
+    assert uncertainty is not None
+    lengths = np.sqrt(2 * uncertainty.centre["level"][: len(mechanism.rods)])
     alone = mechanism.num_keypoints == 1
-    unit = float(lengths[0].mean() / truth.lengths[0]) if alone else 1.0
-    qpos = np.random.default_rng((seed, 1)).uniform(-2, 2, (POSES, nq))
+    unit = float(lengths[0] / truth.lengths[0]) if alone else 1.0
+    scale = np.zeros(mechanism.num_keypoints)
+    if not alone:
+        ends = [rod.end for rod in mechanism.rods]
+        scale[ends] = uncertainty.centre["rod_scale"][ends] + np.log(truth.lengths / lengths)
+    qpos = np.random.default_rng((seed, 1)).uniform(-2, 2, (POSES, truth.model.nq))
     x = truth.positions(qpos)
-    at = x.reshape(POSES, -1) * unit
-    if seen is not None and not alone:
-        scale = np.zeros(mechanism.num_keypoints)
-        for rod, true, length in zip(mechanism.rods, truth.lengths, seen, strict=True):
-            scale[rod.end] = np.log(true / length)
-        at = np.asarray(to_keypoints(mechanism, {"rod_scale": scale, "lean": np.zeros_like(scale)}, at))
+    there = {"rod_scale": scale, "lean": uncertainty.centre["lean"]}
+    at = np.asarray(to_keypoints(mechanism, there, jnp.asarray(x.reshape(POSES, -1) * unit)))
     found = model.intervals(at=at.reshape(x.shape))
     energy, force = truth.potential_energy(x) * unit**2, truth.forces(qpos) * unit
     counted = np.abs(force) > SMALL * np.abs(force).max()
@@ -97,7 +101,7 @@ def compare_drawn(kind: Kind, seed: int) -> Compared:
     keypoints = (exact + Errors().draw(rod_angles(truth, x), exact.shape[-1], rng)).astype(np.float32)
     parts, variables = near_truth(truth, rng)
     start = exact[:, 0].astype(np.float32)
-    variables["trajectories"] = {"x": jax.numpy.asarray(start), "v": jax.numpy.zeros_like(start)}
+    variables["trajectories"] = {"x": jnp.asarray(start), "v": jnp.zeros_like(start)}
     uncertainty = measure_uncertainty(parts, variables, keypoints, motion.actions.astype(np.float32))
     parameters = {**jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), parts.shapes()), **variables}
     return compare(WorldModel(parts.config, parameters, uncertainty=uncertainty), truth, seed)
@@ -121,6 +125,25 @@ def interval_figures(mechanisms: int, seed: int, kinds: Sequence[Kind] = KINDS) 
         each = [inside[name] for _, inside in found if name in inside]
         yield coverage(f"coverage of 90 % intervals, {name}", each, seed)
     yield coverage("coverage of 90 % intervals, all", [np.concatenate(list(i.values())) for _, i in found], seed)
+
+
+def trained_figures(weights: Weights, seed: int) -> Iterator[Figure]:
+    """Of models that were trained from pixels: how many of their intervals hold what is true.
+
+    Args:
+        weights: with uncertainties.
+        seed: of the poses at which V and g are compared.
+    """
+    for system in weights.systems:
+        compared = compare(WorldModel.load(weights.source(system)), truth_of(get_system(system)), seed)
+        inside = compared.inside
+        yield Figure(
+            measure="90 % intervals that hold the truth, of weights",
+            system=system,
+            reached=float(np.concatenate(list(inside.values())).mean()),
+            count=1,
+            details={name: [int(i.sum()), len(i)] for name, i in inside.items()},
+        )
 
 
 def coverage(measure: str, each: Sequence[NDArray[np.bool_]], seed: int) -> Figure:

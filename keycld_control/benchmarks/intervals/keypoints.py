@@ -14,7 +14,7 @@ from keycld_model.config import ModelConfig
 from keycld_model.modules import Parts
 from keycld_model.training.stage import Variables
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from keycld_envs import Joint, Landmark, Mechanism, Rod, Slider, System
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Kind = Literal["pendulum", "double_pendulum", "cartpole"]
 KINDS: tuple[Kind, ...] = ("pendulum", "double_pendulum", "cartpole")
 GRAVITY = 9.81

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs import Landmark, System
+from keycld_envs import Landmark, Rod, System
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 POSES = 40
 """Random poses from which point masses and weights are solved."""
 STEP = 1e-6
@@ -43,7 +43,7 @@ class Truth:
         return np.array([np.linalg.norm(x[r.end] - s) for r, s in zip(self._rods, starts, strict=True)])
 
     @property
-    def _rods(self) -> tuple:
+    def _rods(self) -> tuple[Rod, ...]:
         return self.system.mechanism.rods
 
     def positions(self, qpos: Array) -> Array:
