@@ -1,7 +1,7 @@
 """How far off identification may be: errors within a recording go together, and errors that go with the pose in all.
 
 Least squares that believed every keypoint to err by itself would be far too sure. Errors of an estimator of keypoints
-have two parts here. What is left of a recording is a single draw: each is left out once (a jackknife, as in Bell and
+have two parts here. What is left of a recording is a single draw (a sandwich estimator, with the correction of Bell and
 McCaffrey, Bias Reduction in Standard Errors for Linear Regression with Multi-Stage Samples, 2002). What the pose
 determines is the same in all recordings, so that no number of them averages it out: a random function of the rods'
 angles, whose size by order of harmonic is told by what of it the motion leaves in the deviations (expectation
@@ -120,16 +120,30 @@ def _uncertainty(problem: Problem, fit: Fit, sums: "_Sums") -> Uncertainty:
     basis = _of_fixed_total(problem.coordinates, fit.theta, problem.first, sums.free)
     prior = np.diag(_prior(problem, fit.theta)[sums.free]) * sums.noise
     inverse = basis @ np.linalg.inv(basis.T @ (sums.hessian + prior) @ basis) @ basis.T
-    count = len(sums.gradients)
-    others = basis.T @ (sums.hessian + prior - sums.hessians) @ basis
-    without = np.linalg.solve(others, (sums.gradients @ basis)[..., None])[..., 0] @ basis.T
-    spread = (count - 1) / count * without.T @ without
-    spread += inverse @ ((sums.mixed * _sizes(sums, inverse)) @ sums.mixed.T + prior * sums.noise) @ inverse
+    size, amplitudes = _amplitudes(sums, inverse)
+    each = _by_recording(sums, basis, prior, amplitudes)
+    mixed = sums.mixed.sum(axis=0)
+    spread = each.T @ each + inverse @ ((mixed * size) @ mixed.T + prior * sums.noise) @ inverse
     values, vectors = np.linalg.eigh(spread)
     large = values > 1e-9 * values.max()
     root = np.zeros((int(large.sum()), len(fit.theta)))
     root[:, sums.free] = (vectors[:, large] * np.sqrt(values[large])).T
     return _stored(problem.coordinates, problem.first, fit.theta, root, sums)
+
+
+def _by_recording(sums: "_Sums", basis: Vector, prior: Vector, amplitudes: Vector) -> Vector:
+    """`[N, p]` of which the squares' sum is the covariance, were errors of recordings independent.
+
+    Errors by the pose, as far as they are known, are taken out. A recording that decides much has pulled the fit its
+    way, for which Bell and McCaffrey make up.
+    """
+    root = np.linalg.cholesky(np.linalg.inv(basis.T @ (sums.hessian + prior) @ basis))
+    there = basis @ root
+    scores = sums.gradients + sums.mixed @ amplitudes
+    scores = (scores - scores.mean(axis=0)) @ there
+    values, vectors = np.linalg.eigh(there.T @ sums.hessians @ there)
+    raised = np.einsum("nij,ni->nj", vectors, scores) / np.sqrt(1 - np.clip(values, 0, 0.9))
+    return np.einsum("nij,nj->ni", vectors, raised) @ there.T
 
 
 class _Sums(NamedTuple):
@@ -141,7 +155,7 @@ class _Sums(NamedTuple):
         hessian: `[p, p]` of the shared parameters.
         hessians: `[N, p, p]` of every sequence.
         gradients: `[N, p]` of every sequence.
-        mixed: `[p, f]` of these with amplitudes of functions of the pose.
+        mixed: `[N, p, f]` of these with amplitudes of functions of the pose.
         functions: `[f, f]` of the amplitudes.
         answers: `[N, f]` their gradients.
         noise: squared error of a coordinate in a typical sequence.
@@ -171,7 +185,7 @@ def _sums(
     good = np.isfinite(costs) & np.asarray(jnp.isfinite(jacobians).all((1, 2)) & jnp.isfinite(errors).all(1))
     if good.sum() < FEWEST:
         return None
-    total, hessians, gradients = 0.0, [], []
+    total, hessians, mixed, gradients = 0.0, [], [], []
     for i in np.flatnonzero(good):
         jacobian, shapes = np.asarray(jacobians[i], np.float64), np.kron(features[i], np.eye(n))
         rows, own = np.hstack([jacobian[:, free], shapes]), jacobian[:, len(fit.theta) :]
@@ -180,8 +194,10 @@ def _sums(
         inner += 1e-9 * np.trace(inner) * np.eye(len(inner))
         rows = rows - own @ np.linalg.solve(inner, weighted @ rows)
         weighted = rows.T * np.asarray(weights[i], np.float64)
-        total += weighted @ rows
-        hessians.append((weighted[:p] @ rows[:, :p]).astype(np.float32))
+        squares = weighted @ rows
+        total += squares
+        hessians.append(squares[:p, :p].astype(np.float32))
+        mixed.append(squares[:p, p:].astype(np.float32))
         gradients.append(weighted @ np.asarray(errors[i], np.float64))
     gradients = np.array(gradients)
     noise = float(np.median(costs[good]) / problem.mechanism.num_keypoints)
@@ -195,7 +211,7 @@ def _sums(
         total[:p, :p],
         np.array(hessians),
         gradients[:, :p],
-        total[:p, p:],
+        np.array(mixed),
         total[p:, p:],
         gradients[:, p:],
         noise,
@@ -204,15 +220,16 @@ def _sums(
     )
 
 
-def _sizes(sums: _Sums, inverse: Vector) -> Vector:
-    """Variances `[f]` of the amplitudes of functions of the pose, alike for all of an order.
+def _amplitudes(sums: _Sums, inverse: Vector) -> tuple[Vector, Vector]:
+    """Of functions of the pose: variances `[f]` of the amplitudes, alike for all of an order, and likely amplitudes.
 
     Args:
         sums: normal equations.
         inverse: `[p, p]` of the shared parameters' Hessian.
     """
-    solved = inverse @ sums.mixed
-    seen = sums.functions - sums.mixed.T @ solved
+    mixed = sums.mixed.sum(axis=0)
+    solved = inverse @ mixed
+    seen = sums.functions - mixed.T @ solved
     answers = sums.gradients @ solved - sums.answers
     whole = sums.functions + 1e-9 * np.trace(sums.functions) * np.eye(len(sums.order))
     share, directions = eigh(seen, whole)  # directions.T @ whole @ directions = 1
@@ -221,11 +238,13 @@ def _sizes(sums: _Sums, inverse: Vector) -> Vector:
     noise = (answers**2 / share).sum() / max(len(share), 1)
     seen, sought = (whole @ told * share) @ told.T @ whole, whole @ told @ answers.sum(0)
     size = np.full(len(sums.order), sums.noise)
+    likely = np.zeros(len(sums.order))
     for _ in range(ROUNDS):
         left = np.linalg.inv(np.diag(1 / size) + seen / noise)
-        squared = (left @ sought / noise) ** 2 + np.diag(left)
+        likely = left @ sought / noise
+        squared = likely**2 + np.diag(left)
         size = np.maximum(np.array([squared[sums.order == o].mean() for o in sums.order]), 1e-12)
-    return size
+    return size, likely
 
 
 def _functions(mechanism: Mechanism, pivot: Vector, keypoints: NDArray[np.float32]) -> tuple[Vector, NDArray[np.intp]]:
