@@ -4,9 +4,9 @@ Least squares that believed every keypoint to err by itself would be far too sur
 have two parts here. What is left of a recording is a single draw (a sandwich estimator, with the correction of Bell and
 McCaffrey, Bias Reduction in Standard Errors for Linear Regression with Multi-Stage Samples, 2002). What the pose
 determines is the same in all recordings, so that no number of them averages it out: a random function of the rods'
-angles, whose size by order of harmonic is told by what of it the motion leaves in the deviations (expectation
-maximisation for variance components: Dempster, Laird and Rubin 1977). Part of that function looks like other masses and
-forces; that part is as large as the part that does not.
+angles, whose size is told by what of it the motion leaves in the deviations (expectation
+maximisation for variance components: Dempster, Laird and Rubin 1977). What is told of it is made up for. Part of it
+looks like other masses and forces; that part is as large as the part that does not.
 """
 
 from dataclasses import replace
@@ -36,6 +36,7 @@ from keycld_model.world_model import WorldModel
 
 ORDER, FUNCTIONS = 3, 64
 """Highest harmonic of the rods' angles, fewer if there are more functions of a pose than that."""
+CONSTANT, HARMONIC = 0, 1
 ITERATIONS = 20
 """Gauss-Newton steps, at most."""
 FEWEST = 3
@@ -120,15 +121,17 @@ def _uncertainty(problem: Problem, fit: Fit, sums: "_Sums") -> Uncertainty:
     basis = _of_fixed_total(problem.coordinates, fit.theta, problem.first, sums.free)
     prior = np.diag(_prior(problem, fit.theta)[sums.free]) * sums.noise
     inverse = basis @ np.linalg.inv(basis.T @ (sums.hessian + prior) @ basis) @ basis.T
-    size, amplitudes = _amplitudes(sums, inverse)
+    amplitudes, unsure = _amplitudes(sums, inverse)
     each = _by_recording(sums, basis, prior, amplitudes)
-    mixed = sums.mixed.sum(axis=0)
-    spread = each.T @ each + inverse @ ((mixed * size) @ mixed.T + prior * sums.noise) @ inverse
+    by_pose = inverse @ sums.mixed.sum(axis=0)
+    spread = each.T @ each + by_pose @ unsure @ by_pose.T + inverse @ prior @ inverse * sums.noise
+    middle = fit.theta.copy()
+    middle[sums.free] -= by_pose @ amplitudes
     values, vectors = np.linalg.eigh(spread)
     large = values > 1e-9 * values.max()
     root = np.zeros((int(large.sum()), len(fit.theta)))
     root[:, sums.free] = (vectors[:, large] * np.sqrt(values[large])).T
-    return _stored(problem.coordinates, problem.first, fit.theta, root, sums)
+    return _stored(problem.coordinates, problem.first, middle, root, sums)
 
 
 def _by_recording(sums: "_Sums", basis: Vector, prior: Vector, amplitudes: Vector) -> Vector:
@@ -151,7 +154,7 @@ class _Sums(NamedTuple):
 
     Attributes:
         free: `[p]` indices of the shared parameters that move.
-        order: `[f]` of each function of the pose.
+        kind: `[f]` of each function of the pose, constant or harmonic.
         hessian: `[p, p]` of the shared parameters.
         hessians: `[N, p, p]` of every sequence.
         gradients: `[N, p]` of every sequence.
@@ -164,7 +167,7 @@ class _Sums(NamedTuple):
     """
 
     free: NDArray[np.intp]
-    order: NDArray[np.intp]
+    kind: NDArray[np.intp]
     hessian: Vector
     hessians: Vector
     gradients: Vector
@@ -176,9 +179,7 @@ class _Sums(NamedTuple):
     correlation: float
 
 
-def _sums(
-    problem: Problem, fit: Fit, features: Vector, order: NDArray[np.intp], free: NDArray[np.intp]
-) -> _Sums | None:
+def _sums(problem: Problem, fit: Fit, features: Vector, kind: NDArray[np.intp], free: NDArray[np.intp]) -> _Sums | None:
     """Sequences that diverged are left out; None if fewer than `FEWEST` are left."""
     errors, jacobians, weights, costs = problem.linearised(fit)
     n, t, p = 2 * problem.mechanism.num_keypoints, features.shape[1], len(free)
@@ -207,7 +208,7 @@ def _sums(
     total = np.asarray(total)
     return _Sums(
         free,
-        order,
+        kind,
         total[:p, :p],
         np.array(hessians),
         gradients[:, :p],
@@ -221,7 +222,7 @@ def _sums(
 
 
 def _amplitudes(sums: _Sums, inverse: Vector) -> tuple[Vector, Vector]:
-    """Of functions of the pose: variances `[f]` of the amplitudes, alike for all of an order, and likely amplitudes.
+    """Likely amplitudes `[f]` of functions of the pose, and their covariance `[f, f]` given what is told of them.
 
     Args:
         sums: normal equations.
@@ -231,24 +232,24 @@ def _amplitudes(sums: _Sums, inverse: Vector) -> tuple[Vector, Vector]:
     solved = inverse @ mixed
     seen = sums.functions - mixed.T @ solved
     answers = sums.gradients @ solved - sums.answers
-    whole = sums.functions + 1e-9 * np.trace(sums.functions) * np.eye(len(sums.order))
+    whole = sums.functions + 1e-9 * np.trace(sums.functions) * np.eye(len(sums.kind))
     share, directions = eigh(seen, whole)  # directions.T @ whole @ directions = 1
     told = directions[:, share > TOLD]
     answers, share = answers @ told, share[share > TOLD]
     noise = (answers**2 / share).sum() / max(len(share), 1)
     seen, sought = (whole @ told * share) @ told.T @ whole, whole @ told @ answers.sum(0)
-    size = np.full(len(sums.order), sums.noise)
-    likely = np.zeros(len(sums.order))
+    size = np.full(len(sums.kind), sums.noise)
+    likely, left = np.zeros(len(sums.kind)), np.diag(size)
     for _ in range(ROUNDS):
         left = np.linalg.inv(np.diag(1 / size) + seen / noise)
         likely = left @ sought / noise
         squared = likely**2 + np.diag(left)
-        size = np.maximum(np.array([squared[sums.order == o].mean() for o in sums.order]), 1e-12)
-    return size, likely
+        size = np.maximum(np.array([squared[sums.kind == k].mean() for k in sums.kind]), 1e-12)
+    return likely, left
 
 
 def _functions(mechanism: Mechanism, pivot: Vector, keypoints: NDArray[np.float32]) -> tuple[Vector, NDArray[np.intp]]:
-    """Harmonics of the rods' angles `[N, T, h]`, and the order of each for each coordinate, `[h*n]`."""
+    """Harmonics of the rods' angles `[N, T, h]`, and the kind of each for each coordinate, `[h*n]`."""
     points = keypoints.reshape(*keypoints.shape[:2], -1, 2).astype(np.float64)
     rods = [points[:, :, r.end] - (pivot if r.start is None else points[:, :, r.start]) for r in mechanism.rods]
     angles = np.stack([np.arctan2(r[..., 0], r[..., 1]) for r in rods], -1) if rods else points[:, :, :0, 0]
@@ -258,8 +259,8 @@ def _functions(mechanism: Mechanism, pivot: Vector, keypoints: NDArray[np.float3
     multiples = _multiples(len(rods), largest)
     turned = angles @ np.array(multiples, float).reshape(len(multiples), len(rods)).T
     features = np.concatenate([np.ones((*turned.shape[:2], 1)), np.cos(turned), np.sin(turned)], -1)
-    order = [0, *2 * [sum(map(abs, m)) for m in multiples]]
-    return features, np.repeat(np.array(order), keypoints.shape[-1])
+    kind = np.repeat([CONSTANT, HARMONIC], [1, 2 * len(multiples)])
+    return features, np.repeat(kind, keypoints.shape[-1])
 
 
 def _multiples(rods: int, largest: int) -> list[tuple[int, ...]]:
