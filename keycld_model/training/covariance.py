@@ -9,6 +9,7 @@ maximisation for variance components: Dempster, Laird and Rubin 1977). What is t
 looks like other masses and forces; that part is as large as the part that does not.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -28,9 +29,10 @@ from keycld_envs.recordings import Dataset
 from keycld_model.modules import Parts
 from keycld_model.training.coordinates import Coordinates
 from keycld_model.training.data import TrainingData, check_fits
-from keycld_model.training.fit import fit_states
+from keycld_model.training.fit import FitTrajectories, fit_states
 from keycld_model.training.identification import LEAN, Fit, Problem, minimise
-from keycld_model.training.stage import Variables
+from keycld_model.training.keypoint_tables import keypoint_table
+from keycld_model.training.stage import Stage, Variables
 from keycld_model.uncertainty import Uncertainty, numbers_of
 from keycld_model.world_model import WorldModel
 
@@ -78,6 +80,15 @@ def measure_uncertainty(
     pivot = np.asarray(variables["dynamics"]["pivot"])
     sums = _sums(problem, fit, *_functions(parts.config.mechanism, pivot, keypoints), np.flatnonzero(~absent))
     return None if sums is None else _uncertainty(problem, fit, sums)
+
+
+def uncertainty_of_training(
+    parts: Parts, stages: Sequence[Stage], variables: Variables, data: TrainingData
+) -> Uncertainty | None:
+    """That of what a recipe ends with, if one of its stages found out where motors act."""
+    if not any(isinstance(stage, FitTrajectories) and stage.acting for stage in stages):
+        return None
+    return measure_uncertainty(parts, variables, keypoint_table(parts, variables, data), data.actions)
 
 
 def with_uncertainty(model: WorldModel, dataset: Dataset) -> WorldModel:

@@ -22,16 +22,13 @@ from keycld_model.config import ModelConfig
 from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, valid_frames
 from keycld_model.modules import Parameters, Parts
 from keycld_model.training import log
-from keycld_model.training.covariance import measure_uncertainty
+from keycld_model.training.covariance import uncertainty_of_training
 from keycld_model.training.data import TrainingData, check_fits
-from keycld_model.training.fit import FitTrajectories
-from keycld_model.training.keypoint_tables import keypoint_table
 from keycld_model.training.presets import PRESETS, Preset
 from keycld_model.training.sharding import Devices
 from keycld_model.training.stage import Stage, Variables, model_parameters
 from keycld_model.training.step import make_step
 from keycld_model.training.watch import Watcher
-from keycld_model.uncertainty import Uncertainty
 from keycld_model.world_model import WorldModel
 
 LOG_EVERY = 100
@@ -195,7 +192,7 @@ class _Run:
             )
         started = time.perf_counter()
         score = self._score(variables, refine=True)
-        uncertainty = self._uncertainty(variables)
+        uncertainty = uncertainty_of_training(self.parts, self.preset.stages, variables, self.data)
         seconds += time.perf_counter() - started
         summary = {"seconds": round(seconds, 1), "steps": self.preset.steps, "validation_vpt": score}
         model = WorldModel(
@@ -209,13 +206,6 @@ class _Run:
             model.save(self.folder)
             self._show(model, finished=True)
         return TrainingResult(model, self.folder, self.preset.steps, seconds, score)
-
-    def _uncertainty(self, variables: Variables) -> Uncertainty | None:
-        """How far masses, lengths, V and g may be off, after recipes that find out where motors act."""
-        if not any(isinstance(stage, FitTrajectories) and stage.acting for stage in self.preset.stages):
-            return None
-        keypoints = keypoint_table(self.parts, variables, self.data)
-        return measure_uncertainty(self.parts, variables, keypoints, self.data.actions)
 
     def _resume(self) -> tuple[int, int, float, Variables, Any]:
         if not (self.folder / STATE).exists():
