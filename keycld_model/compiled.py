@@ -88,8 +88,8 @@ class CompiledModel:
         def one(parameters: Parameters, numbers: dict[str, Array], state: Any, seen: Array, u: Array) -> Array:
             dynamics = self._dynamics(with_numbers(parameters, numbers))
             *start, masses = (to_masses(mechanism, numbers, x) for x in (*state, seen))
-            state = estimate_state(dynamics, masses, u[: len(seen) - 1], h, start=(start[0], start[1]), fine=True)
-            return to_keypoints(mechanism, numbers, dynamics.rollout(*state, u, h, fine=True)[0])
+            first = estimate_state(dynamics, masses, u[: len(seen) - 1], h, start=(start[0], start[1]), fine=True)
+            return to_keypoints(mechanism, numbers, dynamics.rollout(*first, u, h, fine=True)[0])
 
         return jax.jit(jax.vmap(one, (None, 0, None, 0, None)))
 
