@@ -1,6 +1,6 @@
 """What a configuration compiles to, for any parameters and any number of images or positions."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property, partial
 from typing import Any
 
@@ -14,7 +14,9 @@ from keycld_model.config import ModelConfig
 from keycld_model.dynamics import Dynamics
 from keycld_model.dynamics_with_effects import DynamicsWithEffects
 from keycld_model.modules import Parameters, Parts, as_float
+from keycld_model.places import to_keypoints, to_masses
 from keycld_model.state_estimation import estimate_state, refine_state
+from keycld_model.uncertainty import with_numbers
 
 Floats = NDArray[np.float32]
 
@@ -59,6 +61,37 @@ class CompiledModel:
             refine: fit the state to the pixels, not only to the keypoints.
         """
         return self._rollouts[refine](parameters, frames, actions)
+
+    def sampled(
+        self,
+        parameters: Parameters,
+        numbers: Mapping[str, Floats],
+        state: tuple[Floats, Floats],
+        seen: Floats,
+        u: Floats,
+    ) -> Floats:
+        """Keypoints `[samples, T, n]` of rollouts with other masses, lengths and forces, from other first keypoints.
+
+        Args:
+            parameters: of the model.
+            numbers: see `keycld_model.uncertainty.Uncertainty`, with a leading axis of samples.
+            state: keypoints and velocities `[n]` at the first frame, near which theirs are.
+            seen: `[samples, C, n]` keypoints in the first C frames, image units.
+            u: `[T-1, m]` actions.
+        """
+        return np.asarray(self._sampled(parameters, dict(numbers), state, seen, u))
+
+    @cached_property
+    def _sampled(self) -> Callable[..., Array]:
+        mechanism, h = self.parts.config.mechanism, self.parts.config.timestep
+
+        def one(parameters: Parameters, numbers: dict[str, Array], state: Any, seen: Array, u: Array) -> Array:
+            dynamics = self._dynamics(with_numbers(parameters, numbers))
+            *start, masses = (to_masses(mechanism, numbers, x) for x in (*state, seen))
+            first = estimate_state(dynamics, masses, u[: len(seen) - 1], h, start=(start[0], start[1]), fine=True)
+            return to_keypoints(mechanism, numbers, dynamics.rollout(*first, u, h, fine=True)[0])
+
+        return jax.jit(jax.vmap(one, (None, 0, None, 0, None)))
 
     @cached_property
     def _keypoints(self) -> Callable[[Parameters, NDArray[Any]], Array]:

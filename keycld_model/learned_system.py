@@ -16,6 +16,7 @@ from keycld_model.added_effects import AddedEffects, added_effects
 from keycld_model.compiled import CompiledModel
 from keycld_model.config import ModelConfig
 from keycld_model.modules import Parameters, Parts
+from keycld_model.uncertainty import Uncertainty
 
 Floats = NDArray[np.float32]
 
@@ -30,6 +31,7 @@ class LearnedSystem:
         name: where the model came from: a shipped name or a path.
         meta: what the checkpoint says about its training.
         effects: physics beside what was learned, such as a diagnosis found; see `with_effects`.
+        uncertainty: how far masses, lengths, V and g may be off, if that was measured.
     """
 
     config: ModelConfig
@@ -37,6 +39,7 @@ class LearnedSystem:
     name: str = "untitled"
     meta: dict[str, Any] | None = None
     effects: tuple[Effect, ...] = ()
+    uncertainty: Uncertainty | None = None
 
     # What the model is of -------------------------------------------------------------------------------------------
 

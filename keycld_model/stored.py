@@ -16,6 +16,7 @@ from keycld_envs.mechanism_file import is_mechanism_file
 from keycld_model.checkpoint import WEIGHTS, flatten, read_checkpoint
 from keycld_model.config import ModelConfig
 from keycld_model.modules import Parameters, Parts
+from keycld_model.uncertainty import Uncertainty
 
 LARGEST = 1e6
 """No weight of a network for images between 0 and 1 is larger by far."""
@@ -48,8 +49,8 @@ def find_model(source: str) -> Path:
     )
 
 
-def read_model(folder: Path) -> tuple[ModelConfig, Parameters, dict[str, Any]]:
-    """Configuration, parameters, and what the checkpoint says about its training.
+def read_model(folder: Path) -> tuple[ModelConfig, Parameters, Uncertainty | None, dict[str, Any]]:
+    """Configuration, parameters, how uncertain they are, and what the checkpoint says about its training.
 
     Raises:
         InputError: if it is damaged, or of another version.
@@ -64,7 +65,15 @@ def read_model(folder: Path) -> tuple[ModelConfig, Parameters, dict[str, Any]]:
             f"{folder}: {str(error).rstrip('.')}; it was written by another version, train again."
         ) from error
     _check_parameters(folder, tensors["model"], Parts(config).shapes())
-    return config, jax.tree.map(jnp.asarray, tensors["model"]), meta
+    uncertainty = _uncertainty(folder, tensors["uncertainty"], Parts(config)) if "uncertainty" in tensors else None
+    return config, jax.tree.map(jnp.asarray, tensors["model"]), uncertainty, meta
+
+
+def _uncertainty(folder: Path, tensors: Any, parts: Parts) -> Uncertainty:
+    try:
+        return Uncertainty.from_tensors(tensors, parts)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{folder} holds uncertainties of another model ({error}); train again.") from error
 
 
 def _check_parameters(folder: Path, found: Parameters, expected: Parameters) -> None:

@@ -5,7 +5,7 @@ import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from tyro.conf import UseAppendAction
 
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from keycld_control.benchmarks.figure import Figure
     from keycld_control.benchmarks.weights import Weights
 
-Part = Literal["envs", "positions", "act", "models", "swingup"]
+Part = Literal["envs", "positions", "act", "models", "swingup", "intervals"]
 PARTS: tuple[Part, ...] = ("envs", "positions", "act", "models", "swingup")
+"""What is measured unless told otherwise; "intervals" takes an hour more."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +28,14 @@ class Args:
 
     Attributes:
         only: Part to measure, repeatable: "envs" (frames/s), "positions" (read off frames), "act" (actions/s), "models"
-            (prediction, angles, training time), "swingup" (success); by default all.
+            (prediction, angles, training time), "swingup" (success), "intervals" (how often they hold what is true,
+            an hour); by default all but the last.
         system: System to measure, repeatable; by default all; `keycld systems` lists them.
         weights: Folder with a checkpoint per system, named like it; by default the shipped weights.
         data: Folder with a data set per system, named like it; by default, the paper's data set is collected anew with
             the seed of the weights.
         episodes: Episodes of every swing-up series.
+        mechanisms: Mechanisms that are drawn for "intervals".
         workers: Number of processes that swing up and collect; no figure but the seconds depends on it.
         seed: Seed of the first episode of every series.
         out: Write the report to this JSON file, and what is known so far after every part.
@@ -44,6 +47,7 @@ class Args:
     weights: Path | None = None
     data: Path | None = None
     episodes: int = 100
+    mechanisms: int = 51
     workers: int = 2
     seed: int = 0
     out: Path | None = None
@@ -56,12 +60,12 @@ def run(args: Args) -> None:
     from keycld_envs.errors import InputError
     from keycld_envs.systems import chosen_systems
 
-    for name in ("episodes", "workers"):
+    for name in ("episodes", "mechanisms", "workers"):
         if getattr(args, name) < 1:
             raise InputError(f"{name} is {getattr(args, name)}; it must be at least 1.")
     if args.seed < 0:
         raise InputError(f"seed is {args.seed}; it must be at least 0.")
-    parts: tuple[Part, ...] = tuple(part for part in PARTS if part in (args.only or PARTS))
+    parts: tuple[Part, ...] = tuple(part for part in get_args(Part) if part in (args.only or PARTS))
     weights = Weights(chosen_systems(args.system), args.weights)
     if args.data is not None and (missing := [s for s in weights.systems if not (args.data / s).is_dir()]):
         raise InputError(f"{args.data} has no folder {missing[0]!r}; it must hold one data set per system.")
@@ -117,6 +121,11 @@ def _measure(part: Part, args: Args, weights: "Weights") -> Iterator["Figure"]:
         from keycld_control.benchmarks.models import model_figures
 
         yield from model_figures(weights, args.data, args.workers)
+    elif part == "intervals":
+        from keycld_control.benchmarks.intervals.coverage import interval_figures, trained_figures
+
+        yield from trained_figures(weights, args.seed)
+        yield from interval_figures(args.mechanisms, args.seed)
     else:
         from keycld_control.benchmarks.swingup import swing_up_success
 

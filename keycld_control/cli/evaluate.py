@@ -30,7 +30,7 @@ class Args:
 
 
 def run(args: Args) -> None:
-    """Evaluate and print the scores."""
+    """Evaluate and print the scores, and 90 % intervals of masses and lengths if the model knows them."""
     from keycld_envs.recordings import read_dataset
     from keycld_model import WorldModel
     from keycld_model.evaluation import evaluate
@@ -45,4 +45,6 @@ def run(args: Args) -> None:
         from keycld_control.prediction_clip import film_predictions
 
         film_predictions(model, dataset, args.video, args.context, args.frames)
-    print_result(asdict(scores), as_json=args.json)
+    known = None if model.uncertainty is None else model.intervals()
+    intervals = {name: None if known is None else getattr(known, name) for name in ("masses", "lengths")}
+    print_result({**asdict(scores), **{f"{k}_interval": v for k, v in intervals.items()}}, as_json=args.json)

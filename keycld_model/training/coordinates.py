@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 
 from keycld_model.config import ModelConfig
 from keycld_model.modules import Parts
-from keycld_model.training.places import end_rods, rails, slide_along_rods, to_keypoints
+from keycld_model.places import end_rods, rails, slide_along_rods, to_keypoints
 from keycld_model.training.stage import Variables
 
 HUBER = 0.01
@@ -122,10 +122,10 @@ class Coordinates:
         positions, _ = model.rollout(*state, actions, self.config.timestep)
         return to_keypoints(self.config.mechanism, variables, positions) - keypoints, state
 
-    def block(
+    def linearise(
         self, first: Variables, theta: Array, x: Array, v: Array, keypoints: Array, actions: Array
-    ) -> tuple[Array, Array, Array]:
-        """Hessian `[p+s, p+s]`, gradient `[p+s]` and cost of a sequence."""
+    ) -> tuple[Array, Array, Array, Array]:
+        """Deviations `[T*n]` of a sequence, their derivatives `[T*n, p+s]`, weights `[T*n]`, and cost."""
         p = theta.shape[0]
 
         def deviations(q: Array) -> Array:
@@ -135,8 +135,15 @@ class Coordinates:
         error, jacobian = deviations(q), jax.jacfwd(deviations)(q)
         distance, cost = _huber(error)
         weight = jnp.repeat(jnp.minimum(1.0, HUBER / distance), 2) / keypoints.shape[0]
+        return error, jacobian, weight, cost / keypoints.shape[0]
+
+    def block(
+        self, first: Variables, theta: Array, x: Array, v: Array, keypoints: Array, actions: Array
+    ) -> tuple[Array, Array, Array]:
+        """Hessian `[p+s, p+s]`, gradient `[p+s]` and cost of a sequence."""
+        error, jacobian, weight, cost = self.linearise(first, theta, x, v, keypoints, actions)
         weighted = jacobian * weight[:, None]
-        return weighted.T @ jacobian, weighted.T @ error, cost / keypoints.shape[0]
+        return weighted.T @ jacobian, weighted.T @ error, cost
 
     def cost(
         self, first: Variables, theta: Array, z: Array, x: Array, v: Array, keypoints: Array, actions: Array
@@ -147,10 +154,10 @@ class Coordinates:
 
 
 @lru_cache(maxsize=8)
-def programs(coordinates: Coordinates) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """`block` and `cost` of all sequences, compiled once for all data of a shape.
+def programs(coordinates: Coordinates) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
+    """`block`, `cost` and `linearise` of all sequences, compiled once for all data of a shape.
 
-    Their arguments are those of `block` and `cost`, all but the first two with a leading axis of sequences.
+    Their arguments are those of a single sequence's, all but the first two with a leading axis of sequences.
     """
 
     def blocks(first: Variables, theta: Array, *rows: Array) -> tuple[Array, Array, Array]:
@@ -159,7 +166,10 @@ def programs(coordinates: Coordinates) -> tuple[Callable[..., Any], Callable[...
     def costs(first: Variables, theta: Array, *rows: Array) -> tuple[Array, Array, Array]:
         return jax.vmap(lambda *row: coordinates.cost(first, theta, *row))(*rows)
 
-    return jax.jit(blocks), jax.jit(costs)
+    def linearised(first: Variables, theta: Array, *rows: Array) -> tuple[Array, Array, Array, Array]:
+        return jax.lax.map(lambda row: coordinates.linearise(first, theta, *row), rows, batch_size=CHUNK)
+
+    return jax.jit(blocks), jax.jit(costs), jax.jit(linearised)
 
 
 def _huber(error: Array) -> tuple[Array, Array]:

@@ -8,9 +8,9 @@ import numpy as np
 from jax import Array
 
 from keycld_model.modules import Parts, as_float
+from keycld_model.places import to_masses
 from keycld_model.training.data import TrainingData
 from keycld_model.training.keypoint_tables import keypoint_table
-from keycld_model.training.places import to_masses
 from keycld_model.training.stage import Batch, Context, Stage, Variables
 
 DISTRUST = 0.05

@@ -9,11 +9,11 @@ from jax import Array
 from numpy.typing import NDArray
 
 from keycld_model.modules import Parts
+from keycld_model.places import to_keypoints, to_masses
 from keycld_model.state_estimation import estimate_state
 from keycld_model.training.data import TrainingData
 from keycld_model.training.identification import identify
 from keycld_model.training.keypoint_tables import keypoint_table, local_polynomials
-from keycld_model.training.places import to_keypoints, to_masses
 from keycld_model.training.stage import Batch, Context, Stage, Variables
 
 

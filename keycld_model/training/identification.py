@@ -73,20 +73,20 @@ def identify(
     Returns:
         Variables with these four replaced.
     """
-    problem = _Problem(parts, variables, keypoints, actions, slide, at_masses=acting)
-    fit = _Fit(problem.start, variables["trajectories"]["x"], variables["trajectories"]["v"])
+    problem = Problem(parts, variables, keypoints, actions, slide, at_masses=acting)
+    fit = Fit(problem.start, variables["trajectories"]["x"], variables["trajectories"]["v"])
     lean = problem.where("lean")
-    fit, cost = _minimise(problem, fit, iterations, problem.price if sparse else np.zeros_like, ~lean)
+    fit, cost = minimise(problem, fit, iterations, problem.price if sparse else np.zeros_like, ~lean)
     if acting:
         absent = problem.absent(fit.theta)
         fewer = fit._replace(theta=np.where(absent, 0, fit.theta))
-        fewer, without = _minimise(problem, fewer, iterations, lambda _: lean / LEAN**2, ~absent)
+        fewer, without = minimise(problem, fewer, iterations, lambda _: lean / LEAN**2, ~absent)
         fit = fewer if without <= cost else fit
     found = problem.coordinates.variables(problem.first, jnp.asarray(fit.theta, jnp.float32))
     return {**variables, **found, "trajectories": {"x": fit.x, "v": fit.v}}
 
 
-class _Fit(NamedTuple):
+class Fit(NamedTuple):
     """Shared parameters `[p]` and the initial states `[N, n]` of all sequences."""
 
     theta: Vector
@@ -94,9 +94,9 @@ class _Fit(NamedTuple):
     v: Array
 
 
-def _minimise(
-    problem: "_Problem", fit: _Fit, iterations: int, price: Callable[[Vector], Vector], free: NDArray[np.bool_]
-) -> tuple[_Fit, float]:
+def minimise(
+    problem: "Problem", fit: Fit, iterations: int, price: Callable[[Vector], Vector], free: NDArray[np.bool_]
+) -> tuple[Fit, float]:
     """Levenberg-Marquardt on deviations and the price of the parameters that are free.
 
     The price gives second derivatives `[p]` of a penalty at a noise of one. Returns the fit, and its cost and price.
@@ -121,7 +121,7 @@ def _minimise(
     return fit, float(cost)
 
 
-class _Blocks(NamedTuple):
+class Blocks(NamedTuple):
     """Gauss-Newton approximation of every sequence's cost in p shared parameters and s of its own.
 
     Attributes:
@@ -164,7 +164,7 @@ class _Blocks(NamedTuple):
         return first, second
 
 
-class _Problem:
+class Problem:
     """Costs of all sequences and their derivatives."""
 
     def __init__(
@@ -182,7 +182,7 @@ class _Problem:
         parameters, self._unravel = ravel_pytree(self.coordinates.parameters(self.first))
         self.start = np.asarray(parameters, np.float64)
         self._data = jnp.asarray(keypoints), jnp.asarray(actions)
-        self._blocks, self._costs = programs(self.coordinates)
+        self._blocks, self._costs, self._linearised = programs(self.coordinates)
 
     def price(self, theta: Vector) -> Vector:
         """Second derivatives `[p]` of the penalty on influences of motors on keypoints, at a noise of one.
@@ -190,7 +190,7 @@ class _Problem:
         The errors of keypoints go with the pose and hardly average out within a recording, so the frames of one count
         as a single measurement.
         """
-        p = self._unravel(jnp.asarray(theta, jnp.float32))
+        p = self.named(theta)
         mass, square = self._influences(p)
         size = 2 * (2 * self.mechanism.num_keypoints + 1)
         price = np.log(self.sequences) * size / (square + NEGLIGIBLE**2 * square.max(axis=0)) / mass
@@ -198,13 +198,17 @@ class _Problem:
 
     def absent(self, theta: Vector) -> NDArray[np.bool_]:
         """`[p]` parameters of those influences of motors on keypoints that hardly differ from none."""
-        p = self._unravel(jnp.asarray(theta, jnp.float32))
+        p = self.named(theta)
         _, square = self._influences(p)
         return self._of_influences(p, square < ABSENT**2 * square.max(axis=0)) > 0
 
+    def named(self, theta: Vector) -> dict[str, Array]:
+        """Parameters `[p]` by name."""
+        return self._unravel(jnp.asarray(theta, jnp.float32))
+
     def where(self, name: str) -> NDArray[np.bool_]:
         """`[p]` parameters of one name."""
-        p = self._unravel(jnp.asarray(self.start, jnp.float32))
+        p = self.named(self.start)
         marked = {key: jnp.full_like(value, key == name) for key, value in p.items()}
         return np.asarray(ravel_pytree(marked)[0]) > 0
 
@@ -225,19 +229,24 @@ class _Problem:
         }
         return np.asarray(ravel_pytree(values)[0], np.float64)
 
-    def blocks(self, fit: _Fit) -> _Blocks:
+    def blocks(self, fit: Fit) -> Blocks:
         """Second-order pictures of the costs of all sequences."""
         hessian, gradient, cost = self._blocks(
             self.first, jnp.asarray(fit.theta, jnp.float32), fit.x, fit.v, *self._data
         )
-        return _Blocks(np.asarray(hessian, np.float64), np.asarray(gradient, np.float64), self._bounded(cost))
+        return Blocks(np.asarray(hessian, np.float64), np.asarray(gradient, np.float64), self._bounded(cost))
 
-    def try_step(self, fit: _Fit, shared: Vector, own: Vector) -> tuple[Vector, _Fit]:
+    def linearised(self, fit: Fit) -> tuple[Array, Array, Array, Vector]:
+        """Deviations `[N, T*n]`, their derivatives `[N, T*n, p+s]`, weights `[N, T*n]`, and costs `[N]`."""
+        *rows, cost = self._linearised(self.first, jnp.asarray(fit.theta, jnp.float32), fit.x, fit.v, *self._data)
+        return *rows, self._bounded(cost)
+
+    def try_step(self, fit: Fit, shared: Vector, own: Vector) -> tuple[Vector, Fit]:
         """Costs `[N]` after a step of the parameters `[p]` and of the states `[N, s]`, and the fit after it."""
         theta = fit.theta + shared
         moved = jnp.asarray(theta, jnp.float32), jnp.asarray(own, jnp.float32)
         cost, x, v = self._costs(self.first, *moved, fit.x, fit.v, *self._data)
-        return self._bounded(cost), _Fit(theta, x, v)
+        return self._bounded(cost), Fit(theta, x, v)
 
     def _bounded(self, cost: Array) -> Vector:
         """A trajectory that diverges costs as if all its keypoints were an image unit away."""

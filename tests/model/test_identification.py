@@ -9,8 +9,8 @@ from swinging import random_parameters
 from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_model.config import ModelConfig, NetworkConfig
 from keycld_model.modules import Parts
+from keycld_model.places import to_keypoints
 from keycld_model.training.identification import identify
-from keycld_model.training.places import to_keypoints
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unoptimised")]
 

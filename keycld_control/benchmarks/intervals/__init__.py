@@ -1,0 +1,1 @@
+"""How often intervals of world models hold what is true, over mechanisms that are drawn."""

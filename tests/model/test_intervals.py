@@ -1,0 +1,145 @@
+"""Uncertainties: stored, turned into intervals and samples as formulas say; and whether they hold what is true."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from safetensors.numpy import load_file
+from swinging import CONFIG, random_parameters
+
+from keycld_control.benchmarks.intervals.coverage import compare
+from keycld_control.benchmarks.intervals.keypoints import Errors, near_truth, rod_angles, simulate
+from keycld_control.benchmarks.intervals.mechanisms import KINDS, drawn_mechanism
+from keycld_control.benchmarks.intervals.truth import truth_of
+from keycld_envs import InputError, get_system
+from keycld_envs.mechanism import Mechanism, Rod
+from keycld_model import WorldModel
+from keycld_model.modules import Parts
+from keycld_model.training.covariance import measure_uncertainty
+from keycld_model.uncertainty import Uncertainty, numbers_of
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+ARM = replace(CONFIG, mechanism=Mechanism(num_keypoints=2, num_actions=2, rods=(Rod(None, 0), Rod(0, 1))))
+
+
+def known(config=ARM, spread=0.0, **deviations):
+    """A model whose numbers deviate by what is named, `[r, ...]` each."""
+    return of_numbers(WorldModel(config, jax.tree.map(jnp.asarray, random_parameters(config))), spread, **deviations)
+
+
+def of_numbers(model, spread, **deviations):
+    """A model with uncertainties around its own numbers."""
+    parameters = model.parameters
+    centre = jax.tree.map(np.asarray, numbers_of(parameters, None, None))
+    count = max((len(d) for d in deviations.values()), default=1)
+    rows = {name: np.zeros((count, *value.shape), np.float32) for name, value in centre.items()}
+    rows |= {name: np.asarray(value, np.float32) for name, value in deviations.items()}
+    return replace(model, uncertainty=Uncertainty(centre, rows, spread, 0.5))
+
+
+def middle(interval):
+    return interval.mean(axis=-1)
+
+
+def half(interval):
+    return (interval[..., 1] - interval[..., 0]) / 2
+
+
+def test_intervals_are_those_of_first_order():
+    model = known(log_masses=[[0.02, -0.02], [0.03, -0.03]], level=[[0.0, 0.0], [0.004, 0.0]])
+    found, (first, second) = model.intervals(), model.masses
+    deviation = 1.645 * np.hypot(0.04, 0.06) * first * second  # of a softmax
+    np.testing.assert_allclose(half(found.masses), [deviation, deviation], rtol=0.01)
+    np.testing.assert_allclose(middle(found.masses), model.masses, atol=1e-6)
+    lengths = np.sqrt(2 * model.level)
+    np.testing.assert_allclose(half(found.lengths), [1.645 * 0.004 / lengths[0], 0], rtol=0.01, atol=1e-6)
+    assert found.potential_energy is None
+
+
+def test_what_acts_along_a_rod_is_in_no_interval_and_energies_count_from_the_first_position():
+    x = np.array([[[0.0, 0.5], [0.0, 1.0]], [[0.5, 0.0], [1.0, 0.0]]], np.float32)
+    along = np.zeros((1, 4, 2))
+    along[0, 3] = (
+        1.0  # a motor pushes the second keypoint up, along both rods in the first position, across in the other
+    )
+    model = known(potential=0.01 * np.eye(4)[3].reshape(1, 4, 1), constant_input=along.reshape(1, -1))
+    found = model.intervals(at=x)
+    scale = model.config.networks.force_scale
+    np.testing.assert_allclose(half(found.potential_energy), [0, 1.645 * scale * 0.01], rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(middle(found.potential_energy)[1], np.diff(model.potential_energy(x))[0], rtol=1e-4)
+    np.testing.assert_allclose(half(found.input_matrix)[0], 0, atol=1e-4)
+    assert half(found.input_matrix)[1, 3].min() > 0.5
+
+
+def test_samples_are_as_far_apart_as_the_numbers_may_be_off():
+    uncertainty = known(level=[[0.01, 0.0], [0.01, 0.02]], spread=0.003).uncertainty
+    assert uncertainty is not None
+    level = uncertainty.draw(20_000, np.random.default_rng(0))["level"]
+    np.testing.assert_allclose(np.cov(level.T), [[2e-4, 2e-4], [2e-4, 4e-4]], rtol=0.05)
+    errors = uncertainty.keypoint_errors((20_000, 3, 2), np.random.default_rng(0))
+    assert errors.std() == pytest.approx(0.003, rel=0.02)
+    assert np.corrcoef(errors[:, 0].ravel(), errors[:, 2].ravel())[0, 1] == pytest.approx(0.25, abs=0.02)
+
+
+@pytest.mark.slow
+def test_a_checkpoint_keeps_uncertainties_and_one_without_says_how_to_get_them(tmp_path):
+    model = known(level=[[0.01, 0.0]], spread=0.01)
+    again = WorldModel.load(model.save(tmp_path / "model"))
+    np.testing.assert_array_equal(again.intervals().lengths, model.intervals().lengths)
+    assert again.uncertainty is not None
+    assert again.uncertainty.spread == pytest.approx(0.01)
+    plain = WorldModel.load(replace(model, uncertainty=None).save(tmp_path / "plain"))
+    with pytest.raises(InputError, match="keycld intervals"):
+        plain.intervals()
+    with pytest.raises(InputError, match="keycld intervals"):
+        plain.predict(np.zeros((2, 16, 16, 3), np.uint8), np.zeros((2, 2)), 3, samples=1)
+    assert set(load_file(tmp_path / "model" / "weights.safetensors")) > set(
+        load_file(tmp_path / "plain" / "weights.safetensors")
+    )
+    other = known(CONFIG, level=[[0.01]]).uncertainty
+    with pytest.raises(InputError, match="another model"):
+        WorldModel.load(replace(model, uncertainty=other).save(tmp_path / "other"))
+
+
+def test_positions_of_another_shape():
+    with pytest.raises(InputError, match="at has shape"):
+        known().intervals(at=np.zeros((2, 2)))
+
+
+def test_point_masses_have_the_energies_that_mujoco_computes():
+    """The numbers of the KeyCLD paper's acrobot and cartpole, from their capsules' moments of inertia."""
+    arm, cart = truth_of(get_system("acrobot")), truth_of(get_system("cartpole"))
+    assert arm.masses[0] / arm.masses[1] == pytest.approx(0.957, abs=0.0005)
+    assert arm.system.landmarks[-1].position[2] == pytest.approx(0.7194, abs=1e-4)
+    assert cart.masses[0] / cart.masses[1] == pytest.approx(14.7, abs=0.05)
+    assert cart.system.landmarks[-1].position[2] == pytest.approx(0.7139, abs=1e-4)
+    for kind in KINDS:
+        assert truth_of(drawn_mechanism(kind, 0)).masses.sum() == pytest.approx(1)
+
+
+@pytest.mark.slow
+def test_intervals_of_a_pendulum_hold_what_is_true_and_grow_with_the_errors():
+    truth = truth_of(drawn_mechanism("pendulum", 1))
+
+    def measured(errors):
+        rng = np.random.default_rng(0)
+        motion = simulate(truth, 20, 30, rng)
+        x = truth.positions(motion.qpos)
+        flat = x.reshape(20, 30, 2)
+        keypoints = (flat + errors.draw(rod_angles(truth, x), 2, np.random.default_rng(1))).astype(np.float32)
+        parts, variables = near_truth(truth, rng)
+        uncertainty = measure_uncertainty(parts, variables, keypoints, motion.actions.astype(np.float32))
+        parameters = {**Parts(parts.config).initial(0), **variables}
+        return compare(WorldModel(parts.config, parameters, uncertainty=uncertainty), truth, 0)
+
+    noise, pose = Errors(noise=0.001, offset=0, harmonic=0), Errors(noise=0.001, offset=0, harmonic=0.001)
+    little, much, by_pose = (measured(e) for e in (noise, replace(noise, noise=0.003), pose))
+    for compared in (little, much, by_pose):
+        for name, true in compared.truth.items():
+            off = np.abs(compared.intervals[name].mean(axis=1) - true)
+            assert (off < 4 / 1.645 * half(compared.intervals[name])).all()
+    widths = [np.mean(half(c.intervals["V"])) for c in (little, much, by_pose)]
+    assert 2 * widths[0] < widths[1] < 5 * widths[0]
+    assert widths[2] > 1.5 * widths[0]
