@@ -17,6 +17,9 @@ OUTLIER = 0.1
 """Difference of colour (0 to 1) beyond which a pixel counts less: another part covers it."""
 FEWEST = 3
 """Frames that must show a part."""
+FAINT = 0.01
+"""Difference of colour (0 to 1), root mean square, that a place of a part must explain: two or three grey levels. On a
+background of one colour, all places that show it explain as much, which is nothing but rounding."""
 SEEN = 0.3
 """Share of frames that must show a place of a part."""
 
@@ -137,7 +140,7 @@ class Alternation:
         gain = sums[..., 0] + 2 * (sums[..., 1:4] * colour).sum(axis=-1) - total * (colour**2).sum(axis=-1)
         mode = ("wrap" if self.chart.circular else "nearest", "nearest")
         smooth = ndimage.uniform_filter(gain, 3, mode=cast(str, mode))
-        there = (smooth > 0) & (total > SEEN * self.area * seen.sum())
+        there = (smooth > FAINT**2 * total) & (total > SEEN * self.area * seen.sum())
         return Shape(there.astype(np.float32), colour.astype(np.float32))
 
     def _robust(self, colour: Array, index: NDArray[np.intp], seen: NDArray[np.bool_]) -> Array:

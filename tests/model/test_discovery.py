@@ -45,9 +45,11 @@ def direction(angle: float) -> NDArray[np.float64]:
     return np.array([math.cos(angle), math.sin(angle)])
 
 
-def arm(rng: np.random.Generator, second: tuple[float, float, float] = ORANGE) -> NDArray[np.uint8]:
+def arm(
+    rng: np.random.Generator, second: tuple[float, float, float] = ORANGE, background: float = 0.1
+) -> NDArray[np.uint8]:
     """Two links, 11 and 9 pixels, the first on the middle of the image."""
-    image = np.full((SIDE, SIDE, 3), 0.1)
+    image = np.full((SIDE, SIDE, 3), background)
     one, two = rng.uniform(-np.pi, np.pi, 2)
     elbow = MIDDLE + 11 * direction(one)
     bar(image, np.full(2, MIDDLE), elbow, BLUE)
@@ -111,9 +113,9 @@ def test_area_of_a_polar_chart_is_that_of_its_disc() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("second", [ORANGE, BLUE])
-def test_arm_of_two_links_whatever_their_colours(second: tuple[float, float, float]) -> None:
-    frames = frames_of(lambda rng: arm(rng, second))
+@pytest.mark.parametrize(("second", "background"), [(ORANGE, 0.1), (BLUE, 0.1), (ORANGE, 0.0)])
+def test_arm_of_two_links_whatever_the_colours(second: tuple[float, float, float], background: float) -> None:
+    frames = frames_of(lambda rng: arm(rng, second, background))
     found = discover(frames, silent)
     declared = declare(found.best.parts, frames, 2)
     assert declared.mechanism.rods == (Rod(None, 0), Rod(0, 1))
