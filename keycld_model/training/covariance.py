@@ -85,10 +85,13 @@ def measure_uncertainty(
 def uncertainty_of_training(
     parts: Parts, stages: Sequence[Stage], variables: Variables, data: TrainingData
 ) -> Uncertainty | None:
-    """That of what a recipe ends with, if one of its stages found out where motors act."""
+    """That of what a recipe ends with, if a stage found out where motors act; a training ends without, too."""
     if not any(isinstance(stage, FitTrajectories) and stage.acting for stage in stages):
         return None
-    return measure_uncertainty(parts, variables, keypoint_table(parts, variables, data), data.actions)
+    try:
+        return measure_uncertainty(parts, variables, keypoint_table(parts, variables, data), data.actions)
+    except np.linalg.LinAlgError:  # motion that leaves a number open
+        return None
 
 
 def with_uncertainty(model: WorldModel, dataset: Dataset) -> WorldModel:
