@@ -59,7 +59,7 @@ def test_train_refuses(data, tmp_path, capsys):
     assert "nowhere does not exist" in train(data=tmp_path / "nowhere")
     assert "not KeyCLD/Acrobot-v0" in train("acrobot")
     assert "pendulum" in train("pendulm")
-    assert "default, nc, node2" in train(preset="papr")
+    assert "default, quick, nc, node2" in train(preset="papr")
     assert "seed" in train(seed=-1)
     assert "validation" in train(validation=0)
     assert "mechanism declaration" in train(tmp_path / "nowhere.json")
