@@ -123,9 +123,8 @@ def train(
         "validation": validation,
         "data": _origin(dataset),
     }
-    on_start()
-    run = _Run(Path(out), Parts(config), recipe, data, test, seed, json.loads(json.dumps(meta)), watchers, start)
-    return run.finish()
+    plain = json.loads(json.dumps(meta))
+    return _Run(Path(out), Parts(config), recipe, data, test, seed, plain, watchers, start, on_start).finish()
 
 
 def _recipe(preset: str | Preset) -> tuple[str, Preset]:
@@ -158,6 +157,7 @@ class _Run:
     meta: dict[str, Any]
     watchers: Sequence[Watcher] = ()
     start: Parameters | None = None
+    on_start: Callable[[], None] = lambda: None
     devices: Devices = field(default_factory=Devices)
     smaller: int = 0
     """Times that the stage at hand has begun anew."""
@@ -169,6 +169,7 @@ class _Run:
 
     def _finish(self) -> TrainingResult:
         stage, done, seconds, variables, optimiser = self._resume()
+        self.on_start()
         self._epsilon = static_error(self.data.frames)
         self._model = WorldModel(self.parts.config, model_parameters(variables))
         total = sum(s.steps for s in self.preset.stages[:stage]) + done
