@@ -12,7 +12,8 @@ from keycld_control.cli._output import print_result
 class Args:
     """Print 90 % intervals of masses and lengths, and add them to a model that holds none.
 
-    Training with the preset default adds them by itself; `WorldModel.intervals(at=...)` has those of V and g.
+    For instance: keycld intervals runs/arm --data data/arm --out runs/arm-known. In Python,
+    `WorldModel.intervals(at=...)` has those of V and g, too.
 
     Attributes:
         checkpoint: Path of a checkpoint, or a system's name for the shipped weights.

@@ -79,15 +79,12 @@ def run(args: Args) -> None:
     steps = PRESETS[args.preset].steps
     with watching(args.out, about, args.log, steps, lambda: dataset.split(args.validation)[1]) as watchers:
         result = train(dataset, config, args.out, recipe, args.seed, args.validation, watchers=watchers, on_start=warn)
-    known = None if result.model.uncertainty is None else result.model.intervals()
     summary = {
         "system": name,
         "checkpoint": str(result.folder),
         "steps": result.steps,
         "seconds": round(result.seconds, 1),
         "validation_vpt": result.validation_vpt,
-        "masses_interval": None if known is None else known.masses,
-        "lengths_interval": None if known is None else known.lengths,
         "weaknesses": weak,
         "seed": args.seed,
     }

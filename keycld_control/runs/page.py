@@ -17,7 +17,6 @@ from keycld_envs.files import atomic_file
 from keycld_envs.recordings import Dataset
 from keycld_envs.templates import templates
 from keycld_model import WorldModel
-from keycld_model.intervals import Intervals
 from keycld_model.training import log
 
 NAME = "report.html"
@@ -50,25 +49,18 @@ class TrainingPage:
         if not finished and time.perf_counter() - self._written < REFRESH_S:
             return
         entries = list(log.entries(self._folder))
-        picture, known = None, None
-        if model is not None and model.uncertainty is not None:
-            known = model.intervals()
+        picture = None
         if model is not None and self._test is not None:
             held_out = self._test()
             picture = strip(model, replace(held_out, recordings=held_out.recordings[:1]), predict=finished)
-        text = html_page(self._title, entries, self._steps, finished, picture, known)
+        text = html_page(self._title, entries, self._steps, finished, picture)
         with atomic_file(self._folder / NAME, "w") as file:
             file.write(text)
         self._written = time.perf_counter()
 
 
 def html_page(
-    title: str,
-    entries: Sequence[Mapping[str, Any]],
-    steps: int | None,
-    finished: bool,
-    picture: str | None = None,
-    known: Intervals | None = None,
+    title: str, entries: Sequence[Mapping[str, Any]], steps: int | None, finished: bool, picture: str | None = None
 ) -> str:
     """The text of report.html.
 
@@ -78,14 +70,10 @@ def html_page(
         steps: of the whole training, None if it ends by itself.
         finished: if not, the page asks the browser to read it again.
         picture: of frames, a PNG file in base 64.
-        known: how far masses and lengths may be off.
     """
     last: dict[str, Any] = {}
     for entry in entries:
         last |= {key: value for key, value in entry.items() if isinstance(value, int | float | str)}
-    rows = [(name.replace("_", " "), f"{v:.4g}" if isinstance(v, float) else v) for name, v in last.items()]
-    for name, values in (("mass", known.masses), ("length", known.lengths)) if known else ():
-        rows += [(f"{name} {i}, 90 %", f"{low:.4g} to {high:.4g}") for i, (low, high) in enumerate(values)]
     figure = curves(entries)
     return (
         templates("keycld_control.runs")
@@ -96,7 +84,7 @@ def html_page(
             refresh=None if finished else REFRESH_S,
             step=last.get("step", 0),
             steps=steps,
-            rows=rows,
+            rows=[(name.replace("_", " "), f"{v:.4g}" if isinstance(v, float) else v) for name, v in last.items()],
             curves=None if figure is None else Markup(figure.to_html(include_plotlyjs=False, full_html=False)),
             picture=picture,
             predicted=finished,

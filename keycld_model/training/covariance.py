@@ -9,7 +9,6 @@ maximisation for variance components: Dempster, Laird and Rubin 1977). What is t
 looks like other masses and forces; that part is as large as the part that does not.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -29,10 +28,9 @@ from keycld_envs.recordings import Dataset
 from keycld_model.modules import Parts
 from keycld_model.training.coordinates import Coordinates
 from keycld_model.training.data import TrainingData, check_fits
-from keycld_model.training.fit import FitTrajectories, fit_states
+from keycld_model.training.fit import fit_states
 from keycld_model.training.identification import LEAN, Fit, Problem, minimise
-from keycld_model.training.keypoint_tables import keypoint_table
-from keycld_model.training.stage import Stage, Variables
+from keycld_model.training.stage import Variables
 from keycld_model.uncertainty import Uncertainty, numbers_of
 from keycld_model.world_model import WorldModel
 
@@ -80,18 +78,6 @@ def measure_uncertainty(
     pivot = np.asarray(variables["dynamics"]["pivot"])
     sums = _sums(problem, fit, *_functions(parts.config.mechanism, pivot, keypoints), np.flatnonzero(~absent))
     return None if sums is None else _uncertainty(problem, fit, sums)
-
-
-def uncertainty_of_training(
-    parts: Parts, stages: Sequence[Stage], variables: Variables, data: TrainingData
-) -> Uncertainty | None:
-    """That of what a recipe ends with, if a stage found out where motors act; a training ends without, too."""
-    if not any(isinstance(stage, FitTrajectories) and stage.acting for stage in stages):
-        return None
-    try:
-        return measure_uncertainty(parts, variables, keypoint_table(parts, variables, data), data.actions)
-    except np.linalg.LinAlgError:  # motion that leaves a number open
-        return None
 
 
 def with_uncertainty(model: WorldModel, dataset: Dataset) -> WorldModel:

@@ -22,7 +22,6 @@ from keycld_model.config import ModelConfig
 from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, valid_frames
 from keycld_model.modules import Parameters, Parts
 from keycld_model.training import log
-from keycld_model.training.covariance import uncertainty_of_training
 from keycld_model.training.data import TrainingData, check_fits
 from keycld_model.training.presets import PRESETS, Preset
 from keycld_model.training.sharding import Devices
@@ -193,7 +192,6 @@ class _Run:
             )
         started = time.perf_counter()
         score = self._score(variables, refine=True)
-        uncertainty = uncertainty_of_training(self.parts, self.preset.stages, variables, self.data)
         seconds += time.perf_counter() - started
         summary = {"seconds": round(seconds, 1), "steps": self.preset.steps, "validation_vpt": score}
         model = WorldModel(
@@ -201,7 +199,6 @@ class _Run:
             model_parameters(variables),
             str(self.folder),
             {**self.meta, **summary, "epsilon": self._epsilon},
-            uncertainty=uncertainty,
         )
         if self.devices.first:
             model.save(self.folder)
