@@ -237,7 +237,7 @@ def test_settings_that_cannot_be_used(tmp_path):
             train(**(settings | change))
         assert not (tmp_path / "out").exists()
 
-    refused("default, nc, node2", preset="papr")
+    refused("default, quick, nc, node2", preset="papr")
     refused("seed", seed=-1)
     refused("validation", validation=1.5)
     refused("validation", validation=float("nan"))
