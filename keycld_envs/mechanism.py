@@ -1,5 +1,6 @@
 """The declaration of a planar mechanism: how many keypoints, and what holds them."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -47,6 +48,13 @@ class Slider:
         if not finite_vector("normal of a Slider", self.normal, 2).any():
             raise InputError(f"{self} has a normal without direction; for a level rail it is (0.0, 1.0).")
         object.__setattr__(self, "normal", tuple(self.normal))
+
+    @property
+    def along(self) -> tuple[float, float]:
+        """Unit vector of the rail; to the right, if the normal points up."""
+        x, y = self.normal
+        length = math.hypot(x, y)
+        return y / length, -x / length
 
 
 @dataclass(frozen=True)

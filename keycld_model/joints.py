@@ -70,8 +70,7 @@ def _measures(mechanism: Mechanism, pivot: Array, x: Array) -> Array:
         a - angles[ends.index(r.start)] if r.start in ends else a for a, r in zip(angles, mechanism.rods, strict=True)
     ]
     for slider in mechanism.sliders:
-        rail = jnp.array([slider.normal[1], -slider.normal[0]], x.dtype)
-        out.append((points[slider.keypoint] - pivot) @ rail / jnp.linalg.norm(rail))
+        out.append((points[slider.keypoint] - pivot) @ jnp.array(slider.along, x.dtype))
     return jnp.stack(out)
 
 

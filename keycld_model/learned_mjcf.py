@@ -21,6 +21,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_model.added_effects import allowed_states, weights_of
 from keycld_model.learned_system import LearnedSystem
+from keycld_model.places import carried
 
 Floats = NDArray[np.floating]
 SUBSTEP = 0.0025
@@ -133,30 +134,15 @@ def _slopes(model: LearnedSystem, holders: list[tuple[int, Rod | Slider]], x: Fl
     """How keypoints move with each joint, `[P, 2K, J]`, in configurations `[P, 2K]`."""
     points = x.reshape(len(x), -1, 2)
     out = np.zeros((*points.shape, len(holders)))
-    hangs = {k: _above(holders, k) for k, _ in holders}
     for j, (k, holder) in enumerate(holders):
-        moved = [other for other, above in hangs.items() if k in above]
+        moved = sorted(carried(model.mechanism, k))
         if isinstance(holder, Slider):
-            out[..., j][:, moved] = _rail(holder)
+            out[..., j][:, moved] = holder.along
             continue
         start = model.pivot if holder.start is None else points[:, holder.start]
         arm = points[:, moved] - np.broadcast_to(start, points[:, 0].shape)[:, None]
         out[..., j][:, moved] = np.stack([arm[..., 1], -arm[..., 0]], axis=-1)  # clockwise
     return out.reshape(len(x), -1, len(holders))
-
-
-def _above(holders: list[tuple[int, Rod | Slider]], keypoint: int) -> set[int]:
-    """A keypoint, and those that it hangs on."""
-    known, out = dict(holders), {keypoint}
-    while isinstance(holder := known[keypoint], Rod) and holder.start is not None:
-        keypoint = holder.start
-        out.add(keypoint)
-    return out
-
-
-def _rail(slider: Slider) -> Floats:
-    normal = np.asarray(slider.normal, float)
-    return np.array([normal[1], -normal[0]]) / np.linalg.norm(normal)
 
 
 def _share(left: Floats, whole: Floats) -> float:
@@ -190,7 +176,7 @@ def _built(
             normal = np.asarray(holder.normal, float)
             off = normal * levels[holder] / (normal @ normal)
             place = [pivot[0] + float(off[0]), 0.0, pivot[2] + float(off[1])]
-            bodies[k], ends[k] = _carriage(spec.worldbody, k, place, joint, _rail(holder)), [0.0, 0.0, 0.0]
+            bodies[k], ends[k] = _carriage(spec.worldbody, k, place, joint, holder.along), [0.0, 0.0, 0.0]
         else:
             end = [0.0, 0.0, float(np.sqrt(2 * levels[holder]))]
             bodies[k], ends[k] = _link(bodies[holder.start], k, ends[holder.start], joint, end), end
@@ -202,10 +188,10 @@ def _built(
     return spec
 
 
-def _carriage(world: Any, keypoint: int, place: list[float], joint: str, rail: Floats) -> Any:
+def _carriage(world: Any, keypoint: int, place: list[float], joint: str, rail: tuple[float, float]) -> Any:
     """A body on a rail."""
     body = world.add_body(name=f"carriage_{keypoint}", pos=place)
-    body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[float(rail[0]), 0, float(rail[1])])
+    body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[rail[0], 0, rail[1]])
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.04, 0.05], mass=0, rgba=_colour(keypoint))
     return body
 

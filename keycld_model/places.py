@@ -83,17 +83,17 @@ def lean_along_rails(mechanism: Mechanism, lean: Array, x: Array) -> Array:
     for slider in mechanism.sliders:
         if (end := ends.get(start := slider.keypoint)) is None:
             continue
-        along = jnp.asarray([slider.normal[1], -slider.normal[0]]) / jnp.hypot(*slider.normal)
+        along = jnp.asarray(slider.along)
         reach = (points[..., end, :] - points[..., start, :]) @ along
-        moved = jnp.asarray([float(k in _carried(mechanism, start)) for k in range(mechanism.num_keypoints)])
+        moved = jnp.asarray([float(k in carried(mechanism, start)) for k in range(mechanism.num_keypoints)])
         points = points + moved[:, None] * (lean[start] * reach)[..., None, None] * along
     return points.reshape(x.shape)
 
 
-def _carried(mechanism: Mechanism, keypoint: int) -> set[int]:
+def carried(mechanism: Mechanism, keypoint: int) -> set[int]:
     """A keypoint and all that hangs on it."""
-    carried, reached = {keypoint}, set[int]()
-    while carried != reached:
-        reached = set(carried)
-        carried |= {rod.end for rod in mechanism.rods if rod.start in carried}
-    return carried
+    out, reached = {keypoint}, set[int]()
+    while out != reached:
+        reached = set(out)
+        out |= {rod.end for rod in mechanism.rods if rod.start in out}
+    return out

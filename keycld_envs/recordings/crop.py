@@ -34,6 +34,17 @@ def moving_box(frames: Iterable[NDArray[np.uint8]]) -> Box | None:
     return int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
 
 
+def reduced(frame: NDArray[np.uint8], longest: int) -> NDArray[np.uint8]:
+    """A frame [H, W, 3] of at most `longest` pixels, by means over squares; what is left at the borders is cut."""
+    every = -(-max(frame.shape[:2]) // longest)
+    if every == 1:
+        return frame
+    height, width = (side // every for side in frame.shape[:2])
+    top, left = (frame.shape[0] - height * every) // 2, (frame.shape[1] - width * every) // 2
+    cut = frame[top : top + height * every, left : left + width * every].astype(np.float32)
+    return cut.reshape(height, every, width, every, 3).mean(axis=(1, 3)).round().astype(np.uint8)
+
+
 def square(box: Box, width: int, height: int) -> Box:
     """The square around a box with a margin, as far as it fits into an image of `width` by `height` pixels."""
     side = min(width, height, round(MARGIN * max(box[2] - box[0], box[3] - box[1])))

@@ -64,10 +64,19 @@ class Chart:
         second = away[..., 1] * along[..., 0] - away[..., 0] * along[..., 1]
         return np.stack([first + self.size[0] // 2, second + self.size[1] // 2])
 
+    @property
+    def own(self) -> "Chart":
+        """The same grid in the frame of its part, at shift zero."""
+        return own_chart(self.size, circular=self.circular)
+
     def offsets(self) -> Points:
-        """[S, W, 2], places of a part's nodes in its own frame at shift zero, pixels from its origin."""
-        one = Chart(np.zeros((1, 2)), None if self.along is None else np.array([[1.0, 0.0]]), self.size)
-        return one.nodes()[0][0]
+        """[S, W, 2], places of a part's nodes in its own frame, pixels from its origin."""
+        return self.own.nodes()[0][0]
+
+
+def own_chart(size: tuple[int, int], *, circular: bool) -> Chart:
+    """The grid of a part in its own frame: about its hinge, or along its rail, at shift zero."""
+    return Chart(np.zeros((1, 2)), None if circular else np.array([[1.0, 0.0]]), size)
 
 
 def sample(images: Array, points: Points) -> tuple[Array, NDArray[np.bool_]]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Dataset
-from keycld_envs.recordings.crop import moving_box
+from keycld_envs.recordings.crop import moving_box, reduced
 
 Array = NDArray[np.floating[Any]]
 LONGEST = 96
@@ -43,8 +43,9 @@ class Frames:
 
     def to_image(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points [..., 2] from pixels here (x right, y down) to image units (-1 to 1, x right, y up)."""
-        pixels = (points + 0.5) * self.reduction - 0.5
-        half = (np.array(self.shape[::-1]) - 1) / 2
+        size = np.array(self.shape[::-1])
+        pixels = (points + 0.5) * self.reduction - 0.5 + size % self.reduction // 2  # what was cut at the border
+        half = (size - 1) / 2
         return (pixels / half - 1) * (1.0, -1.0)
 
 
@@ -67,7 +68,7 @@ def read_frames(dataset: Dataset) -> Frames:
     for number, recording in enumerate(dataset.recordings):
         for frame in recording.iter_frames():
             if index in chosen:
-                kept.append(_reduced(frame))
+                kept.append(reduced(frame, LONGEST))
                 groups.append(index * GROUPS // total if few else number)
                 shapes.add(frame.shape[:2])
             index += 1
@@ -84,13 +85,3 @@ def read_frames(dataset: Dataset) -> Frames:
     out = np.array(groups) % HELD_OUT == HELD_OUT - 1
     reduction = -(-max(shape) // LONGEST)
     return Frames(stack[~out], stack[out], np.median(stack, axis=0), shape, reduction)
-
-
-def _reduced(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Means of squares of pixels, so that the longer side has at most `LONGEST`."""
-    step = -(-max(frame.shape[:2]) // LONGEST)
-    if step == 1:
-        return frame
-    height, width = (side // step for side in frame.shape[:2])
-    squares = frame[: height * step, : width * step].reshape(height, step, width, step, 3)
-    return squares.mean(axis=(1, 3)).round().astype(np.uint8)

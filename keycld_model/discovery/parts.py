@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_model.discovery.charts import Array, Chart, Points
+from keycld_model.discovery.charts import Array, Chart, Points, own_chart
 from keycld_model.discovery.shapes import Alternation, Fit, Shape, draw
 
 ANGLES = 128
@@ -70,8 +70,7 @@ class Part:
     @cached_property
     def points(self) -> Points:
         """[n, 2] its places in its own frame, pixels."""
-        along = None if self.joint.kind == "hinge" else np.array([[1.0, 0.0]])
-        return Chart(np.zeros((1, 2)), along, self.size).nodes()[0][0][self.shape.there > 0]
+        return own_chart(self.size, circular=self.joint.kind == "hinge").offsets()[self.shape.there > 0]
 
 
 def raster(points: Points, margin: int) -> tuple[NDArray[np.bool_], NDArray[np.intp], Points]:

@@ -154,8 +154,7 @@ class Alternation:
 
 def resampled(shape: Shape, old: Chart, new: Chart, reduction: float) -> Shape:
     """A shape on the grid of another chart of the same joint, whose pixels are smaller by `reduction`."""
-    where = Chart(np.zeros((1, 2)), None if old.along is None else np.array([[1.0, 0.0]]), old.size)
-    index = np.rint(where.coordinates(new.offsets() / reduction, np.zeros(1))[:, 0]).astype(int)
+    index = np.rint(old.own.coordinates(new.offsets() / reduction, np.zeros(1))[:, 0]).astype(int)
     if old.circular:
         index[0] %= old.size[0]
     inside = ((index >= 0) & (index < np.array(old.size)[:, None, None])).all(axis=0)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
+from keycld_envs.recordings.crop import reduced
 
 Array = NDArray[np.float64]
 Frames = NDArray[np.uint8]
@@ -60,7 +61,7 @@ def read_films(recordings: Sequence[Recording]) -> Films:
                 f"Recording {recording.id!r} has {recording.num_frames} frames; film it, or leave out --observe pixels."
             )
         times.append(np.asarray(recording.t_frame, np.float64))
-        films.append(np.stack([reduced(frame) for frame in recording.iter_frames()]))
+        films.append(np.stack([reduced(frame, LARGEST) for frame in recording.iter_frames()]))
         if films[-1].shape[1:] != films[0].shape[1:]:
             sizes = ["×".join(map(str, film.shape[2:0:-1])) for film in (films[0], films[-1])]
             raise InputError(
@@ -68,14 +69,3 @@ def read_films(recordings: Sequence[Recording]) -> Films:
                 "one camera with one setting is needed."
             )
     return Films(tuple(times), tuple(films))
-
-
-def reduced(frame: Frames) -> Frames:
-    """A frame `[H, W, 3]` of at most `LARGEST` pixels, by means over squares; what is left at the borders is cut."""
-    every = -(-max(frame.shape[:2]) // LARGEST)
-    if every == 1:
-        return frame
-    height, width = (side // every for side in frame.shape[:2])
-    top, left = (frame.shape[0] - height * every) // 2, (frame.shape[1] - width * every) // 2
-    cut = frame[top : top + height * every, left : left + width * every].astype(np.float32)
-    return cut.reshape(height, every, width, every, 3).mean(axis=(1, 3)).round().astype(np.uint8)

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from keycld_control.cli import main
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import write_recording
+from keycld_envs.recordings.crop import reduced
 from keycld_envs.rendering import View
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose_images
 from keycld_model.image_alignment import Positions, read_positions
-from keycld_model.image_alignment.films import LARGEST, reduced
+from keycld_model.image_alignment.films import LARGEST
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import lengthen
 
@@ -91,10 +92,10 @@ def test_light_is_a_factor_and_an_offset_that_strangers_do_not_change():
 def test_large_frames_are_reduced_by_means():
     frame = np.zeros((200, 300, 3), np.uint8)
     frame[:, 150:] = 200
-    small = reduced(frame)
+    small = reduced(frame, LARGEST)
     assert max(small.shape) <= LARGEST
     assert small.mean() == pytest.approx(100, abs=1)
-    assert reduced(small) is small
+    assert reduced(small, LARGEST) is small
 
 
 @pytest.mark.render

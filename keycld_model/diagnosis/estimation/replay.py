@@ -28,8 +28,12 @@ def replay(problem: Problem, fit: Fit, iterations: int = 8, pulses: tuple[Pulse,
 
 def predict(problem: Problem, fit: Fit) -> Fit:
     """A fit on other recordings, nuisances and parameters of effects free as far as its own recordings leave them."""
-    replayed = replay(problem, fit)
-    return minimise(replace(problem, belief=learned(fit)), replayed.point)
+    return freed(replay(problem, fit), fit)
+
+
+def freed(replayed: Fit, fit: Fit) -> Fit:
+    """A fit that was replayed on other recordings, nuisances and parameters free as far as its own leave them."""
+    return minimise(replace(replayed.problem, belief=learned(fit)), replayed.point)
 
 
 def predicted(fit: Fit) -> float:

@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from keycld_envs.projection import world_to_image
 from keycld_envs.recordings import Recording
+from keycld_envs.recordings.crop import reduced
 from keycld_model.diagnosis.inputs.prepare import LAST_THIRD
 from keycld_model.diagnosis.output.page.geometry import Skeleton, skeleton
 from keycld_model.diagnosis.verdict.evidence import Picture, Rollout
 from keycld_model.image_alignment import Positions
-from keycld_model.image_alignment.films import reduced
+from keycld_model.image_alignment.films import LARGEST
 from keycld_model.image_alignment.look import as_seen, pixels_of
 
 Array = NDArray[np.float64]
@@ -47,7 +48,9 @@ def pictures(
     index = {int(np.abs(clock - times[k]).argmin()): k for k in sorted(wanted)}
     drawn = skeleton(as_seen(model, positions.parameters, positions.values))
     return tuple(
-        Picture(recording.id, float(times[index[n]]), reduced(frame), _links(drawn, poses[:, index[n]], positions))
+        Picture(
+            recording.id, float(times[index[n]]), reduced(frame, LARGEST), _links(drawn, poses[:, index[n]], positions)
+        )
         for n, frame in enumerate(recording.iter_frames())
         if n in index
     )

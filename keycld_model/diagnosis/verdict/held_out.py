@@ -7,9 +7,8 @@ import numpy as np
 
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.estimation.fit import Fit
-from keycld_model.diagnosis.estimation.gauss_newton import learned, minimise
 from keycld_model.diagnosis.estimation.problem import Problem
-from keycld_model.diagnosis.estimation.replay import predict, replay
+from keycld_model.diagnosis.estimation.replay import freed, predict, replay
 from keycld_model.diagnosis.inputs.windows import cut
 
 
@@ -59,8 +58,7 @@ class HeldOut:
 
     def continued(self, fit: Fit) -> Fit:
         """A fit on long rollouts, nuisances and parameters free as far as the other recordings leave them."""
-        rolled = self.long(fit)
-        return minimise(replace(rolled.problem, belief=learned(fit)), rolled.point)
+        return freed(self.long(fit), fit)
 
     def long(self, fit: Fit) -> Fit:
         """A fit on long rollouts, with the pulses of the windows: their times are found best there; once."""
