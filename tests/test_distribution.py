@@ -82,7 +82,8 @@ def test_sdist_builds_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
 
 def test_extras_that_messages_name_exist(wheel: Path) -> None:
     sources = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
-    named = {extra for path in sources for extra in re.findall(r"keycld\[(\w+)\]", path.read_text(encoding="utf-8"))}
+    text = "\n".join(path.read_text(encoding="utf-8") for path in sources)
+    named = {*re.findall(r"keycld\[(\w+)\]", text), *re.findall(r'optional\("[\w.]+", "(\w+)"', text)}
     assert {"sindy", "sysid"} <= named
     assert named <= set(metadata(wheel).get_all("Provides-Extra", []))
 
