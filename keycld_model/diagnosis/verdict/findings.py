@@ -22,7 +22,8 @@ RIGHT = {"explained": 0.92, "left": 0.19, "beside": 0.28}
 """What a set's weight is multiplied by, so that confidence is on average the share of findings that are right.
 
 Counted by Laplace's rule on 400 sealed cases (docs/notebook/2026-11-23-sealed-cases.md): where named effects leave only
-noise, where they leave more, and beside pushes or an unknown force.
+noise, where they leave more, and beside pushes or an unknown force. What is left was then told by windows alone, not by
+long rollouts.
 """
 ALONG = {
     "N m": "N",
