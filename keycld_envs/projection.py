@@ -21,7 +21,7 @@ def world_to_image(
         model: the compiled model.
         data: its state; camera poses are read, so kinematics must be up to date (`mujoco.mj_forward`).
         points: [..., 3] world positions, metres.
-        camera: name of a perspective camera of the model.
+        camera: name of a camera of the model, perspective or orthographic.
         width: W, image width in pixels, at least 2.
         height: H, image height in pixels, at least 2.
 
@@ -31,6 +31,9 @@ def world_to_image(
     camera_id = model.camera(camera).id
     rotation = data.cam_xmat[camera_id].reshape(3, 3)
     x, y, z = np.moveaxis((np.asarray(points) - data.cam_xpos[camera_id]) @ rotation, -1, 0)
-    focal = 1 / np.tan(np.deg2rad(model.cam_fovy[camera_id]) / 2)
-    ndc_x, ndc_y = focal * height / width * x / -z, focal * y / -z
+    if model.cam_projection[camera_id] == mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC:
+        scale = 2 / model.cam_fovy[camera_id]  # the height of the image, in metres
+    else:
+        scale = 1 / np.tan(np.deg2rad(model.cam_fovy[camera_id]) / 2) / -z
+    ndc_x, ndc_y = scale * height / width * x, scale * y
     return np.stack([ndc_x * width / (width - 1), ndc_y * height / (height - 1)], axis=-1)

@@ -233,10 +233,28 @@ def added_effects(
     simulator = system.compile()
     for effect in effects:
         _check(effect, simulator)
-    joints = joint_positions(system, points)
-    x, v = allowed_states(points)
+    joints, (x, _) = joint_positions(system, points), allowed_states(points)
+    scale = learned_power(system, points, input_matrix)
+    energies = np.asarray(jax.jit(jax.vmap(potential_energy))(x))
+    heights = np.asarray(x).reshape(len(x), -1, 2)[..., 1]
+    weights = weights_of(np.asarray(points.masses), heights, energies)
+    return AddedEffects(tuple(effects), simulator, timestep, points, joints, scale, weights)
+
+
+def learned_power(system: System, points: PointMasses, input_matrix: Callable[[Array], Array]) -> float:
+    """Learned power of motors per W of those that a system declares.
+
+    Args:
+        system: that a model has learned.
+        points: masses and constraints of the model.
+        input_matrix: g `[n, m]` of positions `[n]`.
+
+    Raises:
+        InputError: if the model's motors are not the system's.
+    """
+    joints, (x, v) = joint_positions(system, points), allowed_states(points)
     slopes = jax.jit(jax.vmap(jax.jacfwd(joints)))(x)
-    declared = np.einsum("pjn,pn,ji->pi", slopes, v, torque_per_command(simulator)).ravel()
+    declared = np.einsum("pjn,pn,ji->pi", slopes, v, torque_per_command(system.compile())).ravel()
     learned = np.einsum("pni,pn->pi", jax.jit(jax.vmap(input_matrix))(x), v).ravel()
     scale = float(declared @ learned / (declared @ declared))
     off = np.sqrt(np.mean((learned - scale * declared) ** 2) / np.mean(learned**2))
@@ -245,10 +263,7 @@ def added_effects(
             f"The model's motors do not work at the joints of {system.name!r} as declared (their powers differ by "
             f"{100 * off:.0f} %), so that effects have no place in it; train it longer, or on that system."
         )
-    energies = np.asarray(jax.jit(jax.vmap(potential_energy))(x))
-    heights = np.asarray(x).reshape(len(x), -1, 2)[..., 1]
-    weights = weights_of(np.asarray(points.masses), heights, energies)
-    return AddedEffects(tuple(effects), simulator, timestep, points, joints, scale, weights)
+    return scale
 
 
 def weights_of(masses: Floats, heights: Floats, energies: Floats) -> Floats:

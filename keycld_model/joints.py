@@ -1,6 +1,7 @@
 """Positions of a system's joints, from keypoints that may sit anywhere on its links."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
@@ -17,14 +18,32 @@ from keycld_model.physics import PointMasses
 Floats = NDArray[np.floating]
 
 
-def joint_positions(system: System, points: PointMasses) -> Callable[[Array], Array]:
-    """Positions `[nq]` of a system's joints, rad or m, of keypoints `[n]` anywhere on the links.
+@dataclass(frozen=True)
+class JointScales:
+    """How a system's joints count what is measured of its keypoints: q = units * measured + zero.
 
-    Hinges go with rods and slides with sliders, each in order; senses, units and zeros are those of the system's own
-    keypoints.
+    Attributes:
+        order: `[nq]` which of `measured` is each joint's.
+        units: `[nq]` 1 or -1 of hinges, by their sense; of slides, m per image unit.
+        zero: `[nq]` rad or m.
+        turns: `[nq]` which joints are hinges.
     """
-    mechanism, pivot = system.mechanism, points.pivot
-    order = _order(system)
+
+    order: NDArray[np.intp]
+    units: Floats
+    zero: Floats
+    turns: NDArray[np.bool_]
+
+
+def joint_scales(system: System) -> JointScales:
+    """Senses, units and zeros of a system's joints, those of its own keypoints.
+
+    Hinges go with rods and slides with sliders, each in order.
+
+    Raises:
+        InputError: if they are not as many.
+    """
+    mechanism, order = system.mechanism, _order(system)
     model = system.compile()
     data = mujoco.MjData(model)
 
@@ -32,17 +51,23 @@ def joint_positions(system: System, points: PointMasses) -> Callable[[Array], Ar
         data.qpos[:] = qpos
         mujoco.mj_forward(model, data)
         shown = system.keypoints(model, data).ravel()
-        return np.asarray(_measures(mechanism, jnp.asarray(mechanism.pivot), jnp.asarray(shown)))[order]
+        return np.asarray(measured(mechanism, jnp.asarray(mechanism.pivot), jnp.asarray(shown)))[order]
 
     start, step = np.asarray(system.target_qpos, float), 1e-2
     moved = np.array([seen(start + step * row) - seen(start - step * row) for row in np.eye(len(start))])
-    units = jnp.asarray(2 * step / _wrapped(moved.diagonal()))
-    zero = jnp.asarray(start - np.asarray(units) * seen(start))
-    turns = jnp.asarray([joint.kind == "hinge" for joint in system.joints])
+    turns = np.array([joint.kind == "hinge" for joint in system.joints])
+    units = 2 * step / np.where(turns, wrapped(moved.diagonal()), moved.diagonal())
+    return JointScales(order, units, start - units * seen(start), turns)
+
+
+def joint_positions(system: System, points: PointMasses) -> Callable[[Array], Array]:
+    """Positions `[nq]` of a system's joints, rad or m, of keypoints `[n]` anywhere on the links; see `joint_scales`."""
+    mechanism, pivot, scales = system.mechanism, points.pivot, joint_scales(system)
+    units, zero, turns = (jnp.asarray(part) for part in (scales.units, scales.zero, scales.turns))
 
     def positions(x: Array) -> Array:
-        q = units * _measures(mechanism, pivot, x)[order] + zero
-        return jnp.where(turns, _wrapped(q), q)
+        q = units * measured(mechanism, pivot, x)[scales.order] + zero
+        return jnp.where(turns, wrapped(q), q)
 
     return positions
 
@@ -60,7 +85,7 @@ def _order(system: System) -> NDArray[np.intp]:
     return np.array(places, np.intp)
 
 
-def _measures(mechanism: Mechanism, pivot: Array, x: Array) -> Array:
+def measured(mechanism: Mechanism, pivot: Array, x: Array) -> Array:
     """Angles of rods, clockwise from up, relative to the rod that each hangs on, and places along rails, `[R + S]`."""
     points = x.reshape(-1, 2)
     along = [points[rod.end] - (pivot if rod.start is None else points[rod.start]) for rod in mechanism.rods]
@@ -74,6 +99,6 @@ def _measures(mechanism: Mechanism, pivot: Array, x: Array) -> Array:
     return jnp.stack(out)
 
 
-def _wrapped(angles: Any) -> Any:
+def wrapped(angles: Any) -> Any:
     """Into [-pi, pi)."""
     return (angles + np.pi) % (2 * np.pi) - np.pi

@@ -1,7 +1,9 @@
-"""A learned Lagrangian as an MJCF document: point masses on massless rods, in the units of the image.
+"""A learned Lagrangian as an MJCF document: point masses on massless rods, in the units of the image or of a system.
 
-Lengths are image units (1 from the middle of the image to its border), masses shares of the total, so that forces and
-torques are per total mass; x is right, z up, as the camera looks. The kinetic energy is the model's. Its weights
+In those of the image, lengths are image units (1 from the middle of the image to its border), masses shares of the
+total, so that forces and torques are per total mass; x is right, z up, as the camera looks. Motion alone leaves the
+scale of all forces open; where the motors of a system are declared, their power tells it, and its slides tell metres:
+in its units, joints count as the system's do, and torques are N m. The kinetic energy is the model's. Its weights
 need not be in proportion to the masses, since a real link has an inertia and a moment; MuJoCo's compensation of
 gravity, body by body, makes up the difference. Networks may bend V and g beyond what bodies under gravity and motors
 at joints can do; how much of both is left out is told.
@@ -12,14 +14,17 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
+from jax import Array
 from numpy.typing import NDArray
 
 from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism, Rod, Slider
-from keycld_model.added_effects import allowed_states, weights_of
+from keycld_model.added_effects import allowed_states, learned_power, weights_of
+from keycld_model.joints import joint_scales, measured, wrapped
 from keycld_model.learned_system import LearnedSystem
 from keycld_model.places import carried
 
@@ -33,31 +38,58 @@ LEFT_OUT = 0.1
 
 
 @dataclass(frozen=True)
+class Units:
+    """What the document counts in.
+
+    Attributes:
+        metre: units of length per image unit.
+        power: learned power per unit of power; 1 where the total mass is 1.
+        senses: `[J]` 1 or -1, of the joints in order of their keypoints: with or against rods' clockwise turn from up,
+            and rails to the right.
+        zeros: `[J]` positions of joints whose rods point up or on as the one before, and whose carriages are at the
+            pivot, rad or lengths.
+        of_system: these are the units of a system, rad, m and N m.
+    """
+
+    metre: float
+    power: float
+    senses: Floats
+    zeros: Floats
+    of_system: bool
+
+
+@dataclass(frozen=True)
 class LearnedMjcf:
     """A document, and what it cannot hold.
 
     Attributes:
         xml: MJCF.
         joints: names, in order.
+        units: what it counts in.
         of_potential: share of V, root mean square over configurations, that is no weight of the masses.
         of_inputs: the same of g: torques that depend on the configuration.
     """
 
     xml: str
     joints: tuple[str, ...]
+    units: Units
     of_potential: float
     of_inputs: float
 
 
-def learned_mjcf(model: LearnedSystem) -> LearnedMjcf:
+def learned_mjcf(model: LearnedSystem, of_system: bool = False) -> LearnedMjcf:
     """What a world model has learned, as a mechanism that MuJoCo simulates.
 
     Joints are those of rods, in radians, clockwise from their rod before (from up, at the pivot), and of sliders, along
     the rail to the right. A camera "front" sees what the model's does. Effects beside the model are left out.
 
+    Args:
+        model: with rods and sliders that hold its masses.
+        of_system: count joints as the model's system does, in rad, m and N m, in place of image units.
+
     Raises:
         InputError: if the model has no constraints, its keypoints do not each hang on one rod or slider, or V and g are
-            not those of weights and of motors at the joints.
+            not those of weights and of motors at the joints; of_system, if the model is of no system with motors.
     """
     if not model.constrained:
         raise InputError(f"The model {model.name} has no rods and sliders that hold its masses; MJCF needs such.")
@@ -79,10 +111,32 @@ def learned_mjcf(model: LearnedSystem) -> LearnedMjcf:
                 "joints, which is all that this MJCF document holds; train the model longer, or check its declaration."
             )
     joints, motors = _names(model, holders)
-    spec = _built(model, holders, joints, weights)
-    _add_motors(spec, joints, motors, gears)
+    plain = Units(1.0, 1.0, np.ones(len(joints)), np.zeros(len(joints)), False)
+    units = _units_of_system(model, holders) if of_system else plain
+    spec = _built(model, holders, joints, weights, units)
+    slides = np.array([isinstance(holder, Slider) for _, holder in holders])
+    _add_motors(spec, joints, motors, gears * units.senses / np.where(slides, units.metre, 1.0) / units.power)
     spec.compile()
-    return LearnedMjcf(spec.to_xml(), joints, of_potential, of_inputs)
+    return LearnedMjcf(spec.to_xml(), joints, units, of_potential, of_inputs)
+
+
+def places_of(model: LearnedSystem, document: LearnedMjcf, keypoints: Floats) -> Floats:
+    """Joint positions `[..., J]` of a model's document for keypoints `[..., K, 2]`, those that its constraints allow.
+
+    Angles are in [-pi, pi) about their zeros.
+    """
+    points = model.parts.lagrangian(model.parameters).points
+    indices = [_index(model.mechanism, holder) for _, holder in _holders(model.mechanism)]
+
+    def one(x: Array) -> Array:
+        x, _ = points.project(x, jnp.zeros_like(x), 3)
+        return measured(model.mechanism, points.pivot, x)
+
+    flat = jnp.asarray(keypoints, jnp.float32).reshape(-1, 2 * model.mechanism.num_keypoints)
+    found = np.asarray(jax.jit(jax.vmap(one))(flat), float)[:, indices].reshape(*np.shape(keypoints)[:-2], -1)
+    slides = np.array([index >= len(model.mechanism.rods) for index in indices])
+    units = document.units
+    return np.where(slides, units.metre * found, wrapped(found)) * units.senses + units.zeros
 
 
 def _holders(mechanism: Mechanism) -> list[tuple[int, Rod | Slider]]:
@@ -109,6 +163,29 @@ def _holders(mechanism: Mechanism) -> list[tuple[int, Rod | Slider]]:
             raise InputError("Rods of the mechanism form a ring; as MJCF, they hang on the pivot or on a slider.")
         out += ready
     return out
+
+
+def _index(mechanism: Mechanism, holder: Rod | Slider) -> int:
+    """Which number of `keycld_model.joints.measured` a rod or slider has."""
+    if isinstance(holder, Rod):
+        return mechanism.rods.index(holder)
+    return len(mechanism.rods) + mechanism.sliders.index(holder)
+
+
+def _units_of_system(model: LearnedSystem, holders: list[tuple[int, Rod | Slider]]) -> Units:
+    """Rad, m, N m and N."""
+    if model.system is None or not model.mechanism.num_actions:
+        raise InputError(
+            f"The model {model.name} was trained on no system with motors, which would tell N m; train it on "
+            "recordings that name one."
+        )
+    system, lagrangian = system_of(model.system), model.parts.lagrangian(model.parameters)
+    scales = joint_scales(system)
+    power = learned_power(system, lagrangian.points, lagrangian.input_matrix)
+    own = [int(np.flatnonzero(scales.order == _index(model.mechanism, holder))[0]) for _, holder in holders]
+    metres = np.abs(scales.units[~scales.turns])
+    metre = float(metres.mean()) if len(metres) else 1.0
+    return Units(metre, power, np.sign(scales.units)[own], scales.zero[own], True)
 
 
 def _names(model: LearnedSystem, holders: list[tuple[int, Rod | Slider]]) -> tuple[tuple[str, ...], list[str]]:
@@ -152,56 +229,63 @@ def _share(left: Floats, whole: Floats) -> float:
 
 
 def _built(
-    model: LearnedSystem, holders: list[tuple[int, Rod | Slider]], joints: tuple[str, ...], weights: Floats
+    model: LearnedSystem,
+    holders: list[tuple[int, Rod | Slider]],
+    joints: tuple[str, ...],
+    weights: Floats,
+    units: Units,
 ) -> mujoco.MjSpec:
     """Bodies, joints, camera and light."""
-    spec = mujoco.MjSpec()
+    spec, metre = mujoco.MjSpec(), units.metre
     spec.modelname = Path(model.name).name
     spec.compiler.degree = False
     spec.option.timestep = model.timestep / max(1, int(np.ceil(model.timestep / SUBSTEP - 1e-9)))
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     gravity, height = float(weights.sum()), model.image_shape[0]  # the sum of all masses is one
-    spec.option.gravity = [0.0, 0.0, -gravity]
+    spec.option.gravity = [0.0, 0.0, -gravity * metre]
     spec.visual.headlight.ambient = [0.5, 0.5, 0.5]
-    camera = spec.worldbody.add_camera(name="front", pos=[0, -10, 0], fovy=2 * height / (height - 1))
+    camera = spec.worldbody.add_camera(name="front", pos=[0, -10 * metre, 0], fovy=2 * metre * height / (height - 1))
     camera.proj = mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC
     camera.quat = [0.5**0.5, 0.5**0.5, 0.0, 0.0]  # looks along y, z is up
-    pivot = [float(model.pivot[0]), 0.0, float(model.pivot[1])]
+    pivot = [metre * float(model.pivot[0]), 0.0, metre * float(model.pivot[1])]
     levels = dict(zip((*model.mechanism.rods, *model.mechanism.sliders), model.level.tolist(), strict=True))
     bodies: dict[int | None, Any] = {None: spec.worldbody}
     ends: dict[int | None, list[float]] = {None: pivot}
-    for (k, holder), joint in zip(holders, joints, strict=True):
+    for (k, holder), name, sense, zero in zip(holders, joints, units.senses, units.zeros, strict=True):
         if isinstance(holder, Slider):
             normal = np.asarray(holder.normal, float)
-            off = normal * levels[holder] / (normal @ normal)
+            off = metre * normal * levels[holder] / (normal @ normal)
             place = [pivot[0] + float(off[0]), 0.0, pivot[2] + float(off[1])]
-            bodies[k], ends[k] = _carriage(spec.worldbody, k, place, joint, holder.along), [0.0, 0.0, 0.0]
+            bodies[k], ends[k] = _carriage(spec.worldbody, k, place, metre), [0.0, 0.0, 0.0]
+            joint = bodies[k].add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE)
+            joint.axis = [sense * holder.along[0], 0, sense * holder.along[1]]
         else:
-            end = [0.0, 0.0, float(np.sqrt(2 * levels[holder]))]
-            bodies[k], ends[k] = _link(bodies[holder.start], k, ends[holder.start], joint, end), end
-        mass = float(model.masses[k])
+            end = [0.0, 0.0, metre * float(np.sqrt(2 * levels[holder]))]
+            bodies[k], ends[k] = _link(bodies[holder.start], k, ends[holder.start], end, metre), end
+            joint = bodies[k].add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, sense, 0])
+        joint.ref = zero
+        mass = float(model.masses[k]) / (units.power * metre**2)
         bodies[k].mass, bodies[k].ipos, bodies[k].explicitinertial = mass, ends[k], True
-        bodies[k].inertia = [1e-6 * mass] * 3  # MuJoCo asks for some
-        bodies[k].gravcomp = 1 - float(weights[k]) / (mass * gravity) if gravity else 0.0
-        bodies[k].add_site(name=f"keypoint_{k}", pos=ends[k], size=[0.03, 0, 0], rgba=[1.0, 0.85, 0.2, 1.0])
+        bodies[k].inertia = [1e-6 * mass * metre**2] * 3  # MuJoCo asks for some
+        bodies[k].gravcomp = 1 - float(weights[k]) / (float(model.masses[k]) * gravity) if gravity else 0.0
+        bodies[k].add_site(name=f"keypoint_{k}", pos=ends[k], size=[0.03 * metre, 0, 0], rgba=[1.0, 0.85, 0.2, 1.0])
     return spec
 
 
-def _carriage(world: Any, keypoint: int, place: list[float], joint: str, rail: tuple[float, float]) -> Any:
-    """A body on a rail."""
+def _carriage(world: Any, keypoint: int, place: list[float], metre: float) -> Any:
+    """A body that will slide."""
     body = world.add_body(name=f"carriage_{keypoint}", pos=place)
-    body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[rail[0], 0, rail[1]])
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.04, 0.05], mass=0, rgba=_colour(keypoint))
+    size = [0.1 * metre, 0.04 * metre, 0.05 * metre]
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, mass=0, rgba=_colour(keypoint))
     return body
 
 
-def _link(parent: Any, keypoint: int, place: list[float], joint: str, end: list[float]) -> Any:
-    """A rod that turns about a place of the body before it."""
+def _link(parent: Any, keypoint: int, place: list[float], end: list[float], metre: float) -> Any:
+    """A rod that will turn about a place of the body before it."""
     body = parent.add_body(name=f"link_{keypoint}", pos=place)
-    body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
-    ends = [0.0, 0.0, 0.0, *end]
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=[0.025, 0, 0], mass=0, rgba=_colour(keypoint))
+    ends, size = [0.0, 0.0, 0.0, *end], [0.025 * metre, 0, 0]
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=size, mass=0, rgba=_colour(keypoint))
     return body
 
 

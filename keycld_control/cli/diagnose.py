@@ -13,10 +13,8 @@ from keycld_control.cli._output import print_result
 from keycld_control.plain_json import write_json
 
 if TYPE_CHECKING:
-    from mujoco import MjModel
-
     from keycld_envs.recordings import Recording
-    from keycld_model import JointModel
+    from keycld_model import JointModel, WorldModel
     from keycld_model.diagnosis import Report, Source
     from keycld_model.diagnosis.verdict.report import Finding
 
@@ -31,11 +29,12 @@ class Args:
         recordings: Folder of recordings with joint positions or frames.
         env: Environment to compare with; by default the one that the recordings name.
         mjcf: MuJoCo XML file to compare with instead.
-        model: Joint model to compare with instead, a folder that `keycld delan train` wrote.
+        model: Learned model to compare with instead: a folder that `keycld train` or `keycld delan train` wrote, or the
+            name of shipped weights. A world model also reads the frames; no simulator is needed.
         baseline: Folder of recordings of the same mechanism from before, at least two; findings are what changed since.
         held_out: Folder of recordings to test findings on; by default a third of the recordings is held out.
         out: Folder for report.json, report.html (the same for people), and corrected.xml (the corrected simulator); of
-            a joint model, corrected_model (another joint model).
+            a learned model, corrected_model (another of its kind), too.
         budget: Seconds after which the best so far is reported, with what was not tried; by default all is tried.
         observe: What is compared: joint positions ("states"), positions that are read off the frames by drawing the
             simulator ("pixels"), or both.
@@ -48,7 +47,7 @@ class Args:
     recordings: Positional[Path]
     env: str | None = None
     mjcf: Path | None = None
-    model: Path | None = None
+    model: str | None = None
     baseline: Path | None = None
     held_out: Path | None = None
     out: Path | None = None
@@ -64,7 +63,6 @@ def run(args: Args) -> int:
     """Diagnose, write and print the report."""
     keep_compiled()
     from keycld_envs.recordings import read_dataset
-    from keycld_model import JointModel
 
     recordings = read_dataset(args.recordings).recordings
     held_out = read_dataset(args.held_out).recordings if args.held_out else ()
@@ -72,8 +70,7 @@ def run(args: Args) -> int:
     simulator = _simulator(args, recordings)
     if args.out is not None:
         args.out.mkdir(parents=True, exist_ok=True)
-    model = simulator if isinstance(simulator, JointModel) else simulator.model
-    report = _diagnosed(args, model, recordings, held_out, baseline)
+    report = _diagnosed(args, simulator, recordings, held_out, baseline)
     if args.out is not None:
         report = _write(report, simulator, args.out)
     _print(report, args)
@@ -82,41 +79,53 @@ def run(args: Args) -> int:
 
 def _diagnosed(
     args: Args,
-    model: "MjModel | JointModel",
+    simulator: "Source | JointModel | WorldModel",
     recordings: "Sequence[Recording]",
     held_out: "Sequence[Recording]",
     baseline: "Sequence[Recording]",
 ) -> "Report":
     """The report on what is observed."""
     from keycld_envs.errors import InputError
-    from keycld_model import JointModel
-    from keycld_model.diagnosis import diagnose, diagnose_images
+    from keycld_model import JointModel, WorldModel
+    from keycld_model.diagnosis import diagnose, diagnose_by_world_model, diagnose_images
 
-    if args.observe == "states":
-        if args.camera is not None:
-            raise InputError("--camera is of images; say --observe pixels, or leave it out.")
-        return diagnose(recordings, model, held_out, args.tracked, baseline=baseline, budget=args.budget)
-    if isinstance(model, JointModel):
-        raise InputError("A joint model has no camera; leave out --observe, or name a simulator that has, --mjcf.")
-    if args.tracked:
+    if args.observe == "states" and args.camera is not None:
+        raise InputError("--camera is of images; say --observe pixels, or leave it out.")
+    if args.observe != "states" and args.tracked:
         raise InputError("--tracked is of joint positions in the recordings; leave it out beside --observe pixels.")
-    encoders = args.observe == "both"
+    if isinstance(simulator, WorldModel):
+        if args.observe != "pixels" or args.camera is not None:
+            raise InputError(
+                f"{args.model} is a world model, which sees images: say --observe pixels, and no --camera."
+            )
+        return diagnose_by_world_model(recordings, simulator, held_out, baseline=baseline, budget=args.budget)
+    if args.observe == "states":
+        model = simulator if isinstance(simulator, JointModel) else simulator.model
+        return diagnose(recordings, model, held_out, args.tracked, baseline=baseline, budget=args.budget)
+    if isinstance(simulator, JointModel):
+        raise InputError("A joint model has no camera; leave out --observe, or name a simulator that has, --mjcf.")
     return diagnose_images(
-        recordings, model, held_out, args.camera, encoders, baseline=baseline, budget=args.budget, workers=args.workers
+        recordings,
+        simulator.model,
+        held_out,
+        args.camera,
+        args.observe == "both",
+        baseline=baseline,
+        budget=args.budget,
+        workers=args.workers,
     )
 
 
-def _simulator(args: Args, recordings: "Sequence[Recording]") -> "Source | JointModel":
+def _simulator(args: Args, recordings: "Sequence[Recording]") -> "Source | JointModel | WorldModel":
     """What is compared with the recordings."""
     from keycld_envs.errors import InputError
-    from keycld_model import JointModel
     from keycld_model.diagnosis import Source
 
     given = [name for name in ("env", "mjcf", "model") if getattr(args, name) is not None]
     if len(given) > 1:
         raise InputError(f"There are {len(given)} simulators, {' and '.join(f'--{g}' for g in given)}; name one.")
     if args.model is not None:
-        return JointModel.load(args.model)
+        return _learned(args.model)
     if not given and len(systems := {r.system for r in recordings}) > 1:
         raise InputError(
             f"{args.recordings}, field system: the recordings name {len(systems)} simulators, "
@@ -125,19 +134,40 @@ def _simulator(args: Args, recordings: "Sequence[Recording]") -> "Source | Joint
     return Source.of(args.mjcf, args.env or recordings[0].system)
 
 
-def _write(report: "Report", simulator: "Source | JointModel", out: Path) -> "Report":
+def _learned(source: str) -> "JointModel | WorldModel":
+    """A learned model of either kind."""
+    from keycld_model import JointModel, WorldModel
+    from keycld_model.checkpoint import read_checkpoint
+    from keycld_model.stored import find_model
+
+    folder = find_model(source)
+    return JointModel.load(folder) if "joint_model" in read_checkpoint(folder)[1] else WorldModel.load(source)
+
+
+def _write(report: "Report", simulator: "Source | JointModel | WorldModel", out: Path) -> "Report":
     """Write the report, its page, and the corrected simulator; returns the report with what that does not have."""
+    from mujoco import MjModel
+
     from keycld_envs.errors import InputError
-    from keycld_model import JointModel
-    from keycld_model.diagnosis import write_corrected, write_corrected_joint_model, write_page
+    from keycld_model import JointModel, WorldModel
+    from keycld_model.diagnosis import (
+        Source,
+        learned_simulator,
+        write_corrected,
+        write_corrected_joint_model,
+        write_page,
+    )
 
     environment = corrected = None
     if isinstance(simulator, JointModel):
         if report.evidence is not None:
             left = write_corrected_joint_model(report.evidence, out / "corrected_model")
-            others = [*map(str, left), "own errors, which are refitted to the recordings at hand"]
-            report = replace(report, details={**report.details, "not_in_corrected_model": others})
+            report = _without(report, [*map(str, left), "own errors, which are refitted to the recordings at hand"])
     else:
+        if isinstance(simulator, WorldModel):
+            report = _without(report, _write_corrected_world_model(report, simulator, out / "corrected_model"))
+            xml = learned_simulator(simulator).xml
+            simulator = Source(MjModel.from_xml_string(xml), xml)
         environment = simulator.environment
         if report.evidence is not None and simulator.mjcf is not None:
             try:
@@ -148,6 +178,22 @@ def _write(report: "Report", simulator: "Source | JointModel", out: Path) -> "Re
     write_json(out / "report.json", report.to_dict())
     write_page(report, out / "report.html", environment, corrected)
     return report
+
+
+def _without(report: "Report", left: list[str]) -> "Report":
+    """The report, with what a corrected model does not have."""
+    return replace(report, details={**report.details, "not_in_corrected_model": left})
+
+
+def _write_corrected_world_model(report: "Report", world: "WorldModel", folder: Path) -> list[str]:
+    """Write a world model with what was found; returns what it cannot be given."""
+    from keycld_control.correction.corrections import corrections_of
+
+    effects, left = corrections_of(report.to_dict(), "the report")
+    if effects and world.system is None:
+        return [*left, *(f"{effect.id} at {effect.where}, since the model is of no system" for effect in effects)]
+    world.with_effects(effects).save(folder)  # the simulator has none that it was given before
+    return left
 
 
 def _print(report: "Report", args: Args) -> None:

@@ -1,4 +1,4 @@
-"""The diagnosis of what a camera saw: positions are read off the frames first."""
+"""The diagnosis of what a camera saw: positions are read off the frames first, by a simulator or by a world model."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,6 +16,9 @@ from keycld_model.diagnosis.output.pictures import pictures
 from keycld_model.diagnosis.verdict.evidence import Evidence
 from keycld_model.diagnosis.verdict.report import Estimate, FitErrors, Report, Unexplained
 from keycld_model.image_alignment import Positions, read_positions
+from keycld_model.learned_mjcf import LearnedMjcf, learned_mjcf
+from keycld_model.learned_positions import learned_positions
+from keycld_model.world_model import WorldModel
 
 
 def diagnose_images(
@@ -56,6 +59,82 @@ def diagnose_images(
         raise InputError("A baseline is compared by one sensor; observe states or pixels, not both.")
     every = [*recordings, *held_out, *baseline]
     positions = read_positions(every, model, camera, workers)
+    return _diagnosed(positions, every, len(recordings), len(held_out), model, encoders, criteria, budget)
+
+
+def diagnose_by_world_model(
+    recordings: Sequence[Recording],
+    world: WorldModel,
+    held_out: Sequence[Recording] = (),
+    criteria: Criteria = STANDARD,
+    baseline: Sequence[Recording] = (),
+    budget: float | None = None,
+) -> Report:
+    """Find physics that a world model lacks, from images alone; nobody has to model the mechanism.
+
+    The world model is the sensor and the simulator: its estimator reads joint positions off the frames, and what it has
+    learned of masses, gravity and motors (`keycld_model.learned_mjcf`) is compared with their motion. Effects at joints
+    are in the units of the model's system, rad, m and N m; of a model without one, in image units and per total mass.
+
+    Args:
+        recordings: with frames as the model was trained on, and commands.
+        world: with rods and sliders that hold its masses.
+        held_out: recordings to test findings on, of other amplitudes and inputs.
+        criteria: thresholds and priors.
+        baseline: recordings of the same mechanism from before, at least two; see `diagnose`. What the model has learned
+            wrongly is in both, and does no harm.
+        budget: seconds for the search, see `diagnose`.
+
+    Returns:
+        The report; `details` has the units, and what the simulator leaves out of the model.
+
+    Raises:
+        InputError: if frames are missing or of another size, the model has no constraints, or what `diagnose` raises.
+    """
+    document = learned_simulator(world)
+    model = mujoco.MjModel.from_xml_string(document.xml)
+    every = [*recordings, *held_out, *baseline]
+    positions = learned_positions(every, world, document)
+    report = _diagnosed(positions, every, len(recordings), len(held_out), model, False, criteria, budget)
+    about = {
+        "world_model": world.name,
+        "units": "rad, m, N m" if document.units.of_system else "rad, image units, per total mass",
+        "left_out": {"potential_energy": document.of_potential, "inputs": document.of_inputs},
+    }
+    return replace(report, details={**report.details, **about})
+
+
+def learned_simulator(world: WorldModel) -> LearnedMjcf:
+    """The simulator that a world model is, in the units of its system if that has motors.
+
+    Raises:
+        InputError: see `learned_mjcf`.
+    """
+    return learned_mjcf(world, of_system=world.system is not None and world.mechanism.num_actions > 0)
+
+
+def _diagnosed(
+    positions: Positions,
+    every: Sequence[Recording],
+    training: int,
+    held_out: int,
+    model: mujoco.MjModel,
+    encoders: bool,
+    criteria: Criteria,
+    budget: float | None,
+) -> Report:
+    """The report on positions that were read off the frames of recordings.
+
+    Args:
+        positions: of all recordings.
+        every: the recordings, those held out after the first ones, a baseline last.
+        training: number of the first ones.
+        held_out: number of those held out.
+        model: the simulator.
+        encoders: the joint positions of the recordings are used beside the images.
+        criteria: thresholds and priors.
+        budget: seconds for the search.
+    """
     if positions.trusted < criteria.trusted_frames:
         return _distrusted(positions, every, model, criteria)
     seen = list(positions.recordings)
@@ -63,12 +142,11 @@ def diagnose_images(
     if encoders:
         seen = [joined(own, read) for own, read in zip(every, seen, strict=True)]
         observation = EncodersAndCamera(model, positions.error, criteria=criteria)
-    parts = [seen[: len(recordings)], seen[len(recordings) : len(recordings) + len(held_out)]]
-    before = seen[len(recordings) + len(held_out) :]
+    now, before = seen[:training], seen[training + held_out :]
     if before:
-        report = diagnose(parts[0], model, criteria=criteria, baseline=before, budget=budget)
+        report = diagnose(now, model, criteria=criteria, baseline=before, budget=budget)
     else:
-        report = diagnose(parts[0], model, parts[1], False, observation, criteria, budget=budget)
+        report = diagnose(now, model, seen[training : training + held_out], False, observation, criteria, budget=budget)
     evidence = report.evidence
     if evidence is not None:
         evidence = replace(evidence, pictures=pictures(evidence.rollouts, every, positions, model))

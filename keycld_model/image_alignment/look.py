@@ -57,7 +57,9 @@ def look_parameters(model: mujoco.MjModel, size: tuple[int, int]) -> tuple[LookP
 
 
 def view_of(values: Array) -> View:
-    """How the camera sees, of the values of all parameters."""
+    """How the camera sees, of the values of all parameters; as the simulator's, if there are none."""
+    if not len(values):
+        return View(0.0, 0.0, 1.0, 1.0, 0.0)
     right, up, zoom, aspect, roll = (float(v) for v in values[: len(CAMERA)])
     return View(right, up, float(np.exp(zoom)), float(np.exp(aspect)), roll)
 

@@ -1,0 +1,106 @@
+"""Joint positions of recordings, read off their frames by a world model's estimator."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from keycld_envs.errors import InputError
+from keycld_envs.progress import progress
+from keycld_envs.recordings import Recording
+from keycld_model.image_alignment import Positions
+from keycld_model.image_alignment.pose import explained_share
+from keycld_model.image_alignment.positions import TRUSTED
+from keycld_model.joints import wrapped
+from keycld_model.learned_mjcf import LearnedMjcf, places_of
+from keycld_model.world_model import WorldModel
+
+Floats = NDArray[np.float64]
+STILLS = 60
+"""Frames of all recordings, whose median is the scene without the mechanism."""
+
+
+def learned_positions(recordings: Sequence[Recording], model: WorldModel, document: LearnedMjcf) -> Positions:
+    """Joint positions of a world model's document at the times of frames.
+
+    No simulator is drawn: the estimator finds the keypoints, and the constraints tell the joints. A frame is trusted
+    if the model's own picture of these keypoints explains most of what moves in it. The error is that of reading the
+    model's pictures again.
+
+    Args:
+        recordings: with frames as the model was trained on.
+        model: that reads them.
+        document: its mechanism, see `learned_mjcf`.
+
+    Raises:
+        InputError: if frames are missing or of another size.
+    """
+    films = [_frames(recording, model) for recording in recordings]
+    every = np.concatenate([film[:: max(1, len(film) * len(films) // STILLS)] for film in films])
+    still = np.median(every, axis=0).astype(np.float32)
+    out, explained, again = [], [], []
+    simulator = mujoco.MjModel.from_xml_string(document.xml)
+    turns = simulator.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+    with progress("Reading positions off images", total=sum(map(len, films))) as advance:
+        for recording, film in zip(recordings, films, strict=True):
+            keypoints = model.keypoints(film)
+            q, drawn = places_of(model, document, keypoints), model.render(keypoints)
+            shares = np.array(
+                [explained_share(f.astype(np.float32), 255 * d, still) for f, d in zip(film, drawn, strict=True)]
+            )
+            error = places_of(model, document, model.keypoints(drawn.clip(0.0, 1.0))) - q
+            again.append(np.where(turns, wrapped(error), error)[shares >= TRUSTED])
+            explained.append(shares)
+            out.append(_with_positions(recording, document, simulator, np.where(shares[:, None] >= TRUSTED, q, np.nan)))
+            advance(len(film))
+    errors = np.concatenate(again)
+    error = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(simulator.nq, np.nan)
+    return Positions(
+        recordings=tuple(out),
+        deviation=tuple(np.broadcast_to(error, np.shape(r.qpos)) for r in out),
+        explained=tuple(explained),
+        readable=tuple(shares >= TRUSTED for shares in explained),
+        parameters=(),
+        values=np.zeros(0),
+        value_deviation=np.zeros(0),
+        camera="front",
+        size=model.image_shape,
+        error=error,
+    )
+
+
+def _frames(recording: Recording, model: WorldModel) -> NDArray[np.uint8]:
+    """`[T, H, W, 3]`."""
+    height, width = model.image_shape
+    if recording.t_frame is None or recording.num_frames < 2:
+        raise InputError(
+            f"Recording {recording.id!r} has {recording.num_frames} frames; film it, or leave out --observe pixels."
+        )
+    film = np.stack(list(recording.iter_frames()))
+    if film.shape[1:3] != (height, width):
+        raise InputError(
+            f"Recording {recording.id!r} has frames of {film.shape[2]}×{film.shape[1]} pixels, the model {model.name} "
+            f"sees {width}×{height}; record with its size, or train a model on recordings of this one."
+        )
+    return film
+
+
+def _with_positions(recording: Recording, document: LearnedMjcf, simulator: mujoco.MjModel, q: Floats) -> Recording:
+    """The recording with positions in place of any that it has; turns go on from frame to frame."""
+    turns = simulator.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+    for j in np.flatnonzero(turns):
+        known = np.isfinite(q[:, j])
+        q[known, j] = np.unwrap(q[known, j])
+    length = "m" if document.units.of_system else "1"
+    units = {key: unit for key, unit in recording.units.items() if key != "qvel"}
+    return replace(
+        recording,
+        joint_names=document.joints,
+        t_state=np.asarray(recording.t_frame, np.float64),
+        qpos=q,
+        qvel=None,
+        qpos_std=None,
+        units={**units, "qpos": tuple("rad" if turn else length for turn in turns)},
+    )
