@@ -232,16 +232,17 @@ class System:
         joints = [(model.joint(j).name, model.jnt_type[j]) for j in range(model.njnt)]
         declared = [(joint.name, _KINDS[joint.kind]) for joint in self.joints]
         if joints != declared:
+            there = [(name, mujoco.mjtJoint(kind).name.removeprefix("mjJNT_").lower()) for name, kind in joints]
             raise InputError(
                 f"System {self.name!r} declares the joints {[(j.name, j.kind) for j in self.joints]}, but its MJCF has "
-                f"{[(name, mujoco.mjtJoint(kind).name.removeprefix('mjJNT_').lower()) for name, kind in joints]}; name all "
-                "of them, in its order."
+                f"{there}; name all of them, in its order."
             )
         actuators = tuple(model.actuator(i).name for i in range(model.nu))
         if actuators != self.actuators or len(actuators) != self.mechanism.num_actions:
             raise InputError(
                 f"System {self.name!r} declares the actuators {self.actuators} and {self.mechanism.num_actions} "
-                f"actions, but its MJCF has the actuators {actuators}; name all of them, in its order, and correct num_actions."
+                f"actions, but its MJCF has the actuators {actuators}; name all of them, in its order, and correct "
+                "num_actions."
             )
         if len(self.landmarks) != self.mechanism.num_keypoints:
             raise InputError(

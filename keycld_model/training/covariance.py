@@ -91,8 +91,8 @@ def with_uncertainty(model: WorldModel, dataset: Dataset) -> WorldModel:
     """
     if model.system is not None and dataset.system is not None and not same_system(model.system, dataset.system):
         raise InputError(
-            f"{model.name} is a model of {model.system}, {dataset.folder} records {dataset.system}; measure on recordings "
-            "of its own system."
+            f"{model.name} is a model of {model.system}, {dataset.folder} records {dataset.system}; measure on "
+            "recordings of its own system."
         )
     meta = model.meta or {}
     if meta.get("data", {}).get("sha256") == dataset.sha256:

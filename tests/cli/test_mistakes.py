@@ -52,7 +52,7 @@ DECLARED = {
     "name of a file as a text": ("mjcf=MJCF", 'mjcf="arm.xml"', "mjcf=Path(...)"),
     "folder in place of the MJCF": ("mjcf=MJCF", 'mjcf=Path("..")', "it is a folder"),
     "null byte": ("import math\n", "import math\n\0", "run (SyntaxError"),
-    "joint that is called twice": ('Joint("elbow", "hinge"', 'Joint("shoulder", "hinge"', "('elbow', 'hinge')]; name all"),
+    "joint that is called twice": ('Joint("elbow"', 'Joint("shoulder"', "('elbow', 'hinge')]; name all"),
     "kind of joint": ('Joint("elbow", "hinge"', 'Joint("elbow", "hinges"', "'hinges'"),
     "range backwards": ("(-math.pi, math.pi)),\n    )", "(math.pi, -math.pi)),\n    )", "swap"),
     "range of one number": ("(-math.pi, math.pi)),\n    )", "math.pi),\n    )", "start_range"),

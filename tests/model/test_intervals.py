@@ -139,7 +139,7 @@ def test_recordings_that_leave_the_equations_singular(tmp_path, monkeypatch):
     monkeypatch.setattr(covariance, "minimise", lambda problem, fit, *_: (fit, 0.0))
     monkeypatch.setattr(covariance, "_sums", nothing)
     model = WorldModel(CONFIG, jax.tree.map(jnp.asarray, random_parameters(CONFIG)))
-    with pytest.raises(InputError, match="too little moves in them; use .* recordings in motion"):
+    with pytest.raises(InputError, match=r"too little moves in them; use .* recordings in motion"):
         covariance.with_uncertainty(model, recorded(tmp_path / "data", None))
 
 
