@@ -1,7 +1,9 @@
 """Data sets from videos: what is kept, when it was taken, and where it was in the video."""
 
+import subprocess
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 
@@ -97,6 +99,8 @@ def test_from_the_command_line(video: Path, tmp_path: Path, capsys: pytest.Captu
     args = ["import", str(video), "--out", str(tmp_path / "data"), "--mechanism", str(declared)]
     assert main(args) == 2
     assert "--pivot COLUMN ROW" in capsys.readouterr().err
+    assert main([*args, "--pivot", "90", "20", "--crop", "60", "0", "60"]) == 2
+    assert "--crop puts the pivot at (0.017, 0.322), but" in capsys.readouterr().err
     assert main([*args, "--pivot", "90", "20", "--frames", "20", "--json"]) == 0
     assert '"recordings": 3' in capsys.readouterr().out
 
@@ -160,3 +164,11 @@ def test_what_is_no_video(
     (tmp_path / name).write_bytes(content)
     assert main(["import", str(tmp_path / name), "--out", str(tmp_path / "data"), "--frames", "20"]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_a_file_of_sound_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sound = tmp_path / "sound.mp4"
+    made = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-f", "lavfi", "-i", "sine=duration=1", str(sound)]
+    subprocess.run(made, check=True)
+    assert main(["import", str(sound), "--out", str(tmp_path / "data")]) == 2
+    assert "sound.mp4 cannot be decoded as a video (it holds no pictures)" in capsys.readouterr().err
