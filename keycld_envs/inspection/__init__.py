@@ -76,7 +76,7 @@ def _ranges(system: System, model: mujoco.MjModel) -> list[str]:
     found = []
     for i in np.flatnonzero(model.jnt_limited):
         low, high = model.jnt_range[i]
-        for name, numbers in _declared(system, i):
+        for name, numbers in _declared(system, int(i)):
             if min(numbers) < low - 1e-9 or max(numbers) > high + 1e-9:
                 degrees = ', in which degrees are meant unless it has <compiler angle="radian"/>'
                 found.append(
