@@ -13,6 +13,8 @@ from keycld_envs.errors import InputError
 
 LARGEST_SIDE = 8192
 """Pixels of an image's side."""
+MOST_WORKERS = 1024
+"""Processes."""
 LONGEST_VALUE = 80
 """Characters of a value in a message."""
 T = TypeVar("T")
@@ -70,7 +72,8 @@ def check_number(name: str, value: object, above: float, most: float) -> None:
         InputError: if it is none.
     """
     if isinstance(value, bool) or not isinstance(value, Real) or not above < cast(float, value) <= most:
-        raise InputError(f"{name} is {short(value)}; it must be a number above {above:g}, up to {most:g}.")
+        least = "from 0" if -1e-6 < above < 0 else f"above {above:g},"
+        raise InputError(f"{name} is {short(value)}; it must be a number {least} up to {most:g}.")
 
 
 def check_camera(model: mujoco.MjModel, name: str) -> str:

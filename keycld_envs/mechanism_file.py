@@ -96,11 +96,11 @@ def _read(path: Path, place: Path, changed: int, size: int) -> System | Mechanis
 
 def _reason(error: BaseException, place: Path) -> str:
     """An error in one line, with the line of the file that it came from."""
-    lines = [error.lineno] if isinstance(error, SyntaxError) else []
+    lines = [error.lineno] if isinstance(error, SyntaxError) and error.lineno else []
     step = error.__traceback__
     while step is not None:
         if step.tb_frame.f_code.co_filename == str(place):
             lines.append(step.tb_lineno)
         step = step.tb_next
     text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split()).rstrip(".")
-    return f"line {lines[-1]}: " * bool(lines) + f"{type(error).__name__}: {text}"
+    return (f"line {lines[-1]}: " if lines else "") + f"{type(error).__name__}: {text}"

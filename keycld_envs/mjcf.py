@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import mujoco
 
 from keycld_envs.errors import InputError
+from keycld_envs.reading import JSON_SHARE, check_file
 
 _ASSETS = Path(__file__).parent / "assets"
 _COMMON = ("visual", "skybox", "materials")
@@ -99,6 +100,19 @@ def read_suite(domain: str) -> tuple[str, dict[str, bytes]]:
     """
     assets = {f"./common/{name}.xml": (_ASSETS / "common" / f"{name}.xml").read_bytes() for name in _COMMON}
     return (_ASSETS / f"{domain}.xml").read_text(encoding="utf-8"), assets
+
+
+def check_document(path: Path) -> None:
+    """Refuse the path of an MJCF document that is no file, of which MuJoCo says other things.
+
+    Raises:
+        InputError: if there is none, or it is a folder, no regular file, or too large.
+    """
+    try:
+        check_file(path, JSON_SHARE)
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{path} cannot be read ({why}); hand in a MuJoCo XML file.") from error
 
 
 def refused(name: str, error: Exception) -> InputError:

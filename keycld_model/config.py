@@ -60,7 +60,7 @@ class NetworkConfig:
         for name, least, most in WHOLE:
             check_whole(name, getattr(self, name), least, most)
         if self.width % self.groups:
-            raise InputError(f"groups is {self.groups}; it must divide width, {self.width}.")
+            raise InputError(f"width is {self.width}; it must be a multiple of groups, {self.groups}.")
         if self.constants is not None:
             check_whole("constants", self.constants, 1, 1024)
         for name in ("gaussian_widths", "segment_widths"):

@@ -160,7 +160,8 @@ def _run(words: list[str]) -> int:
     except OSError as error:
         if error.errno not in (errno.EACCES, errno.EROFS, errno.ENOSPC, errno.EEXIST, errno.ENOTDIR):
             raise
-        print(f"keycld: {error.filename or 'The disk'} cannot be written: {error.strerror}.", file=sys.stderr)
+        what = f"{error.filename or 'The disk'} cannot be written: {error.strerror}"
+        print(f"keycld: {what}; name another place, or make room there.", file=sys.stderr)
         return 2
     return code or 0
 

@@ -5,6 +5,9 @@ from typing import Any
 
 from keycld_control.cli._import_options import Args
 
+APART = 0.1
+"""Image units between the pivot that is declared and the one that is filmed; beyond, they are two places."""
+
 
 def import_video(path: Path, args: Args) -> dict[str, Any]:
     """Look for what moves, cut, and say what became of it.
@@ -37,6 +40,12 @@ def import_video(path: Path, args: Args) -> dict[str, Any]:
         advance()
     place = (0.0, 0.0) if mechanism is None else mechanism.pivot
     square = film.Square(*given.crop) if given.crop else film.square_around(look, place, given.pivot)
+    at = None if given.pivot is None else square.units(*given.pivot)
+    if fixed and at is not None and max(abs(a - b) for a, b in zip(at, place, strict=True)) > APART:
+        raise InputError(
+            f"--crop puts the pivot at ({at[0]:.3f}, {at[1]:.3f}), but {given.mechanism} declares pivot={place}; write "
+            "that place into the file, or leave --crop out."
+        )
     with progress("Cutting", total=len(look.times)) as advance:
         number = film.write_parts(path, args.out, look, square, advance, cut)
     return {
@@ -46,5 +55,5 @@ def import_video(path: Path, args: Args) -> dict[str, Any]:
         "frames_per_second": round(float(1 / (cut.every * np.median(np.diff(look.times)))), 3),
         "used": number * cut.frames * cut.every / len(look.times),
         "crop": (square.left, square.top, square.side),
-        "pivot": None if given.pivot is None else square.units(*given.pivot),
+        "pivot": at,
     }

@@ -119,4 +119,6 @@ def effect_of(name: str, where: str, numbers: tuple[str, ...], model: "mujoco.Mj
             raise InputError(f"--set: {key}={value} is no number; write, for instance, {key}=0.1.") from error
     effect = replace(places[where], **given)
     check_numbers(effect)
+    if effect == places[where]:
+        raise InputError(f"--set: {name} without numbers does nothing; say how large it is, --set {min(known)}=NUMBER.")
     return effect

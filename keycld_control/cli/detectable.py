@@ -36,11 +36,14 @@ class Args:
 def run(args: Args) -> None:
     """Compute, draw, and print a table."""
     keep_compiled()
+    from keycld_envs.errors import InputError
     from keycld_envs.progress import progress
     from keycld_envs.recordings import read_dataset
     from keycld_model.diagnosis import Source
     from keycld_model.diagnosis.discrepancy.detectable import detectable
 
+    if args.out is not None and args.out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--out is {args.out}; the page must end in .html.")
     recordings = read_dataset(args.recordings).recordings
     model = Source.of(args.mjcf, args.env or recordings[0].system).model
     with progress("Looking", total=100) as advance:

@@ -36,6 +36,8 @@ def run(args: Args) -> None:
 
     if (args.data is None) != (args.out is None):
         raise InputError("--data and --out go together; name the recordings, and where to write the model.")
+    if args.out is not None and args.out.exists() and (not args.out.is_dir() or any(args.out.iterdir())):
+        raise InputError(f"--out: {args.out} exists already; choose another folder or remove it.")
     model = WorldModel.load(args.checkpoint)
     if args.data is not None and args.out is not None:
         from keycld_model.training.covariance import with_uncertainty

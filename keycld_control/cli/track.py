@@ -39,12 +39,14 @@ def run(args: Args) -> None:
     """Read, follow, study, write, and say what was found."""
     from keycld_control.tracking.save import check_out, recording_of, save
     from keycld_control.tracking.summary import summary
+    from keycld_envs.checks import check_whole
     from keycld_envs.mechanism_file import read_mechanism
     from keycld_envs.progress import progress
     from keycld_model.tracking import read, steps, track
     from keycld_model.tracking.pendulum import study_pendulum
     from keycld_model.tracking.pendulum.study import CANDIDATES
 
+    check_whole("seed", args.seed, 0, 2**63)
     mechanism = read_mechanism(args.mechanism)
     check_out(args.out, args.video)
     with progress("Reading", total=1) as advance:

@@ -13,6 +13,7 @@ from keycld_control.correction.explore import explore
 from keycld_control.plain_json import plain, write_json
 from keycld_control.swingup import swing_up
 from keycld_envs import KeyCLDEnv, make, resolve_env_id, system_of
+from keycld_envs.checks import MOST_WORKERS, check_whole
 from keycld_envs.effects import Effect
 from keycld_envs.effects.stored import effect_to_json, effects_from_json
 from keycld_envs.errors import InputError
@@ -74,12 +75,13 @@ def close_the_loop(plan: LoopPlan, out: Path, workers: int = 1) -> dict[str, Any
         "after", "true" (corrected by the concealed effects themselves) and "fine_tuned" what `swing_up` says.
 
     Raises:
-        InputError: if the folder holds another loop, or nothing makes the agent fail.
+        InputError: if there are no weights, the folder holds another loop, or nothing makes the agent fail.
     """
+    check_whole("workers", workers, 1, MOST_WORKERS)
+    model = WorldModel.load(plan.system)  # before there is a folder
     with one_writer(out):
         settings = plain({"schema": SCHEMA, **asdict(plan)})
         check_same_run(out, _kept(out / "plan.json", lambda: settings), settings)
-        model = WorldModel.load(plan.system)
         base = LoopSettings(plan.system, seed=plan.seed)
         drawn = _kept(out / "concealed.json", lambda: _conceal(plan, base))
         concealed = effects_from_json(drawn["effects"], f"{out / 'concealed.json'}: effects")

@@ -12,6 +12,8 @@ from keycld_envs.inspection.poses import Poses
 from keycld_envs.systems import System
 
 POSES = 200
+MOST_TURNS = 2.0
+"""Turns either way beyond which angles are degrees."""
 TOUCHING = 0.05
 """Fraction of random poses in which bodies may touch before it is said that no model here knows contact."""
 
@@ -55,7 +57,11 @@ def inspect(system: System, seed: int = 0) -> Inspection:
     poses = Poses.of(system, model, POSES, seed)
     values = constraints.values(system.mechanism, poses.keypoints)
     seen = tuple(map(float, camera.in_view(poses)))
-    wrong = tuple(_ranges(system, model)) or tuple(camera.problems(poses)) or tuple(constraints.problems(poses))
+    wrong = (
+        tuple(_degrees(system) or _ranges(system, model))
+        or tuple(camera.problems(poses))
+        or tuple(constraints.problems(poses))
+    )
     if wrong:
         return Inspection(poses, values, seen, problems=wrong)
     actuators = motion.actuators(system, poses)
@@ -70,19 +76,36 @@ def _ranges(system: System, model: mujoco.MjModel) -> list[str]:
     found = []
     for i in np.flatnonzero(model.jnt_limited):
         low, high = model.jnt_range[i]
-        joint = system.joints[i]
-        named = {
-            "start_range": joint.start_range,
-            "target_qpos": system.target_qpos[i : i + 1],
-            "hanging_qpos": system.hanging_qpos[i : i + 1],
-        }
-        for name, numbers in named.items():
+        for name, numbers in _declared(system, int(i)):
             if min(numbers) < low - 1e-9 or max(numbers) > high + 1e-9:
+                degrees = ', in which degrees are meant unless it has <compiler angle="radian"/>'
                 found.append(
-                    f"{name} of joint {joint.name!r} lies outside its range in the MJCF, {low:.3g} to {high:.3g}; "
-                    "change one of them."
+                    f"{name} of joint {system.joints[i].name!r} lies outside its range in the MJCF, {low:.3g} to "
+                    f"{high:.3g}{degrees if system.joints[i].kind == 'hinge' else ''}; change one of them."
                 )
     return found[:1]
+
+
+def _degrees(system: System) -> list[str]:
+    """Angles that are many turns, so that they are degrees."""
+    found = [
+        f"{name} of joint {joint.name!r} has {max(numbers, key=abs):g} rad, which is many turns; write radians, "
+        "math.radians(...)."
+        for i, joint in enumerate(system.joints)
+        if joint.kind == "hinge"
+        for name, numbers in _declared(system, i)
+        if max(map(abs, numbers)) > 2 * np.pi * MOST_TURNS
+    ]
+    return found[:1]
+
+
+def _declared(system: System, i: int) -> tuple[tuple[str, tuple[float, ...]], ...]:
+    """Names and values of what is declared for one joint."""
+    return (
+        ("start_range", system.joints[i].start_range),
+        ("target_qpos", system.target_qpos[i : i + 1]),
+        ("hanging_qpos", system.hanging_qpos[i : i + 1]),
+    )
 
 
 def _contacts(poses: Poses) -> list[str]:

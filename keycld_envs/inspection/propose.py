@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
-from keycld_envs.mjcf import refused
+from keycld_envs.mjcf import check_document, refused
 from keycld_envs.projection import world_to_image
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -50,6 +50,7 @@ def proposal(mjcf: Path, beside: Path) -> str:
     Raises:
         InputError: if it does not compile, or has no joint, an unnamed one, or no camera.
     """
+    check_document(mjcf)
     try:
         model = mujoco.MjModel.from_xml_path(str(mjcf))
     except ValueError as error:

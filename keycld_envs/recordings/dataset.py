@@ -170,7 +170,8 @@ def read_dataset(folder: str | os.PathLike[str], *, skip_damaged: bool = False) 
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise InputError(f"{folder} does not exist; `keycld collect` makes a data set.")
+        what = "is a file; name a folder of recordings" if folder.exists() else "does not exist"
+        raise InputError(f"{folder} {what}; `keycld collect` makes a data set.")
     if (folder / "meta.json").exists():
         raise InputError(f"{folder} is one recording; name the folder that holds it.")
 

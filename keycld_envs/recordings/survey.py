@@ -45,6 +45,8 @@ def survey(
     kept: list[Frame] = []
     count, every, size, stamps = 0, 1, (0, 0), np.empty(0)
     try:
+        if path.is_file() and not path.stat().st_size:
+            raise ValueError("it is empty")
         for frame in decode(path):
             size = frame.shape[1], frame.shape[0]
             if count % every == 0:

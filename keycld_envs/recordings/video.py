@@ -16,6 +16,11 @@ from keycld_envs.errors import InputError
 from keycld_envs.reading import check_file, check_size
 
 Frame = NDArray[np.uint8]
+PLAINLY = {
+    "moov atom not found": "it is cut short, or no MP4",
+    "matches no streams": "it holds no pictures",
+}
+"""Parts of what ffmpeg says, and what that means."""
 LOSSY = 20.0
 """Mean difference, of 255, up to which a frame and its copy by a lossy encoder are the same."""
 
@@ -124,7 +129,13 @@ def decode(
         log.seek(0)
         errors = log.read(10_000).decode(errors="replace").splitlines()
     if errors:
-        raise ValueError(errors[0].strip())
+        raise ValueError(_plain(errors[0]))
+
+
+def _plain(line: str) -> str:
+    """A line of ffmpeg's log without the addresses in front of it; what is met most often is said in other words."""
+    words = re.sub(r"^(\[[^]]*\] *)+", "", line.strip())
+    return next((said for part, said in PLAINLY.items() if part in words), words)
 
 
 def frame_times(path: Path) -> NDArray[np.float64]:

@@ -22,12 +22,14 @@ from keycld_envs.checks import (
 )
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
-from keycld_envs.mjcf import check_step, refused
+from keycld_envs.mjcf import check_document, check_step, refused
 from keycld_envs.projection import world_to_image
 
 Start = Literal["random", "hanging"]
 Reward = Callable[[mujoco.MjModel, mujoco.MjData], float]
 
+LONGEST_FRAME = 1.0
+"""Seconds of a control step; in a longer one, no motion can be followed."""
 _KINDS = {"hinge": mujoco.mjtJoint.mjJNT_HINGE, "slide": mujoco.mjtJoint.mjJNT_SLIDE}
 
 
@@ -156,14 +158,21 @@ class System:
             raise InputError(f"name of a System must be a text such as 'my_arm', got {short(self.name)}.")
         if not isinstance(self.mjcf, str | Path):
             raise InputError(f"mjcf of system {self.name!r} must be an MJCF text or a Path, got {short(self.mjcf)}.")
+        if isinstance(self.mjcf, str) and "<" not in self.mjcf:
+            raise InputError(
+                f"mjcf of system {self.name!r} is the text {short(self.mjcf)}, which is no XML; for a file, write "
+                "mjcf=Path(...)."
+            )
         if not isinstance(self.mechanism, Mechanism):
             raise InputError(f"mechanism of system {self.name!r} must be a Mechanism, got {short(self.mechanism)}.")
         for name, kind in (("joints", Joint), ("actuators", str), ("landmarks", Landmark)):
             object.__setattr__(self, name, several(name, getattr(self, name), kind))
         for name in ("target_qpos", "hanging_qpos"):
-            size = len(value) if isinstance(value := getattr(self, name), tuple | list) else len(self.joints)
+            value, size = getattr(self, name), len(self.joints)
+            if isinstance(value, tuple | list) and not any(isinstance(each, tuple | list) for each in value):
+                size = len(value)  # compared with the joints when these are known to be right
             finite_vector(f"{name} of system {self.name!r}", value, size)
-        check_number(f"timestep of system {self.name!r}", self.timestep, 0.0, 10.0)
+        check_number(f"timestep of system {self.name!r}", self.timestep, 0.0, LONGEST_FRAME)
         check_choice(f"start of system {self.name!r}", self.start, get_args(Start))
         for limit in (self.action_limit, self.weak_limit):
             if limit is not None:
@@ -177,6 +186,7 @@ class System:
         """
         try:
             if isinstance(self.mjcf, Path):
+                check_document(self.mjcf)
                 model = mujoco.MjModel.from_xml_path(str(self.mjcf), dict(self.assets))
             else:
                 model = copy.copy(_compile_text(self.mjcf, tuple(self.assets.items())))
@@ -222,20 +232,22 @@ class System:
         joints = [(model.joint(j).name, model.jnt_type[j]) for j in range(model.njnt)]
         declared = [(joint.name, _KINDS[joint.kind]) for joint in self.joints]
         if joints != declared:
+            there = [(name, mujoco.mjtJoint(kind).name.removeprefix("mjJNT_").lower()) for name, kind in joints]
             raise InputError(
                 f"System {self.name!r} declares the joints {[(j.name, j.kind) for j in self.joints]}, but its MJCF has "
-                f"{[(name, mujoco.mjtJoint(kind).name) for name, kind in joints]}."
+                f"{there}; name all of them, in its order."
             )
         actuators = tuple(model.actuator(i).name for i in range(model.nu))
         if actuators != self.actuators or len(actuators) != self.mechanism.num_actions:
             raise InputError(
                 f"System {self.name!r} declares the actuators {self.actuators} and {self.mechanism.num_actions} "
-                f"actions, but its MJCF has the actuators {actuators}."
+                f"actions, but its MJCF has the actuators {actuators}; name all of them, in its order, and correct "
+                "num_actions."
             )
         if len(self.landmarks) != self.mechanism.num_keypoints:
             raise InputError(
                 f"System {self.name!r} declares {len(self.landmarks)} keypoints, but its mechanism has "
-                f"{self.mechanism.num_keypoints}."
+                f"{self.mechanism.num_keypoints}; name a landmark for each."
             )
         if not len(self.target_qpos) == len(self.hanging_qpos) == len(self.joints):
             raise InputError(
@@ -253,7 +265,7 @@ class System:
         if round(substeps) < 1 or abs(substeps - round(substeps)) > 1e-6:
             raise InputError(
                 f"The time step of system {self.name!r} ({self.timestep} s) is no whole multiple of its MJCF's "
-                f"({model.opt.timestep} s)."
+                f"({model.opt.timestep} s); change one of them."
             )
 
 

@@ -60,6 +60,8 @@ def read_frames(dataset: Dataset) -> Frames:
     """
     counts = [recording.num_frames for recording in dataset.recordings]
     total = sum(counts)
+    if not total:
+        raise InputError(f"The recordings of {dataset.folder} have no frames; name recordings of a camera.")
     if total < FEWEST:
         raise InputError(f"{dataset.folder} has {total} frames; a structure needs at least {FEWEST}, so record more.")
     chosen = set(np.linspace(0, total - 1, min(FRAMES, total)).round().astype(int).tolist())

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.checks import check_camera
+from keycld_envs.checks import MOST_WORKERS, check_camera, check_whole
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
@@ -87,6 +87,7 @@ def read_positions(
         InputError: if a recording has no frames, or they have several sizes, or the model has no such camera, or no
             OpenGL can be opened.
     """
+    check_whole("workers", workers, 1, MOST_WORKERS)
     films = read_films(recordings)
     quality: Quality = "full" if recordings[0].render_quality == "full" else "fast"
     name = _camera(recordings, model, camera)

@@ -25,6 +25,7 @@ from scipy.linalg import eigh
 from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
 from keycld_envs.recordings import Dataset
+from keycld_envs.registration import same_system
 from keycld_model.modules import Parts
 from keycld_model.training.coordinates import Coordinates
 from keycld_model.training.data import TrainingData, check_fits
@@ -62,7 +63,7 @@ def measure_uncertainty(
         actions: `[N, T-1, m]`.
 
     Returns:
-        None if too few sequences could be followed, or V and g have no linear terms.
+        None if too few sequences could be followed, they tell too little, or V and g have no linear terms.
     """
     if not parts.config.networks.identifiable:
         return None
@@ -70,14 +71,12 @@ def measure_uncertainty(
     variables = {**variables, "rod_scale": there, "lean": there}
     if "trajectories" not in variables:
         variables["trajectories"] = _trajectories(parts, variables, keypoints, actions)
-    states = variables["trajectories"]
-    problem = Problem(parts, variables, keypoints, actions, slide=True, at_masses=True)
-    absent, lean = problem.absent(problem.start), problem.where("lean")
-    fit = Fit(np.where(absent, 0, problem.start), states["x"], states["v"])
-    fit, _ = minimise(problem, fit, ITERATIONS, lambda _: lean / LEAN**2, ~absent)
-    pivot = np.asarray(variables["dynamics"]["pivot"])
-    sums = _sums(problem, fit, *_functions(parts.config.mechanism, pivot, keypoints), np.flatnonzero(~absent))
-    return None if sums is None else _uncertainty(problem, fit, sums)
+    try:
+        return _measured(
+            Problem(parts, variables, keypoints, actions, slide=True, at_masses=True), variables, keypoints
+        )
+    except np.linalg.LinAlgError:  # what was recorded tells so little that the equations are singular
+        return None
 
 
 def with_uncertainty(model: WorldModel, dataset: Dataset) -> WorldModel:
@@ -90,6 +89,11 @@ def with_uncertainty(model: WorldModel, dataset: Dataset) -> WorldModel:
     Raises:
         InputError: if recordings do not fit, too few can be followed, or V and g of the model have no linear terms.
     """
+    if model.system is not None and dataset.system is not None and not same_system(model.system, dataset.system):
+        raise InputError(
+            f"{model.name} is a model of {model.system}, {dataset.folder} records {dataset.system}; measure on "
+            "recordings of its own system."
+        )
     meta = model.meta or {}
     if meta.get("data", {}).get("sha256") == dataset.sha256:
         dataset = dataset.split(meta["validation"])[0]
@@ -99,10 +103,25 @@ def with_uncertainty(model: WorldModel, dataset: Dataset) -> WorldModel:
     found = measure_uncertainty(model.parts, dict(model.parameters), keypoints, data.actions)
     if found is None:
         raise InputError(
-            f"{model.name} has no masses that are linear in what moves, or follows too few of {dataset.folder}; "
-            "use a model of the preset default, and recordings that it predicts well."
+            f"{model.name} has no masses that are linear in what moves, or follows too few of {dataset.folder}, or too "
+            "little moves in them; use a model of the preset default, and recordings in motion that it predicts well."
         )
     return replace(model, uncertainty=found)
+
+
+def _measured(problem: Problem, variables: Variables, keypoints: NDArray[np.float32]) -> Uncertainty | None:
+    """What `measure_uncertainty` returns.
+
+    Raises:
+        LinAlgError: if the equations are singular.
+    """
+    states = variables["trajectories"]
+    absent, lean = problem.absent(problem.start), problem.where("lean")
+    fit = Fit(np.where(absent, 0, problem.start), states["x"], states["v"])
+    fit, _ = minimise(problem, fit, ITERATIONS, lambda _: lean / LEAN**2, ~absent)
+    pivot = np.asarray(variables["dynamics"]["pivot"])
+    sums = _sums(problem, fit, *_functions(problem.mechanism, pivot, keypoints), np.flatnonzero(~absent))
+    return None if sums is None else _uncertainty(problem, fit, sums)
 
 
 def _trajectories(

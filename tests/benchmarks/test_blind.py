@@ -61,6 +61,13 @@ def test_an_interrupted_making_goes_on_and_gives_the_same_bytes(made, tmp_path, 
         make(out, Settings(SEED + 1, CASES))
 
 
+def test_a_folder_of_something_else_is_left_as_it_is(tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="was not made by `keycld blind make`"):
+        make(tmp_path, Settings(SEED, CASES))
+    assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".")] == ["mine.txt"]
+
+
 def test_the_cases_tell_nothing(made):
     """Neither words nor sizes of files, nor anything but motion and commands."""
     answers = json.loads((made / "answers.json").read_text())

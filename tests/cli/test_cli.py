@@ -115,7 +115,10 @@ def test_a_full_disk_is_no_traceback(monkeypatch: pytest.MonkeyPatch, capsys: py
         raise OSError(errno.ENOSPC, "No space left on device", "data/a")
 
     monkeypatch.setattr("keycld_control.cli.doctor.run", fail)
-    assert refused(capsys, "doctor") == "keycld: data/a cannot be written: No space left on device.\n"
+    assert (
+        refused(capsys, "doctor")
+        == "keycld: data/a cannot be written: No space left on device; name another place, or make room there.\n"
+    )
 
 
 def test_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

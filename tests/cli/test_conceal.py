@@ -66,6 +66,7 @@ def test_all_recordings_by_default_and_a_table(data: str, tmp_path: Path, capsys
         ((*FRICTION, "--set", "c=0.1"), "'c'"),
         ((*FRICTION, "--set", "b=much"), "b=much"),
         ((*FRICTION, "--set", "b"), "'b'"),
+        (FRICTION, "--set b=NUMBER"),
         ((*FRICTION, "--set", "b=-1"), "b=-1"),
         ((*FRICTION, "--set", "b=0.1", "--only", "c"), "'c'"),
     ],

@@ -47,6 +47,12 @@ DECLARED = {
     "slider without direction": (RODS, RODS + ", sliders=(Slider(1, (0.0, 0.0)),)", "normal"),
     "pivot in space": ("pivot=(0.0, 0.0)", "pivot=(0.0, 0.0, 0.0)", "pivot"),
     "pivot that is no number": ("pivot=(0.0, 0.0)", 'pivot=(0.0, float("nan"))', "pivot"),
+    "target in brackets": ("target_qpos=(0.0, 0.0)", "target_qpos=((0.0, 0.0),)", "shape (2,), got (1, 2)"),
+    "time in ms": ("timestep=0.01", "timestep=10", "up to 1"),
+    "name of a file as a text": ("mjcf=MJCF", 'mjcf="arm.xml"', "mjcf=Path(...)"),
+    "folder in place of the MJCF": ("mjcf=MJCF", 'mjcf=Path("..")', "it is a folder"),
+    "null byte": ("import math\n", "import math\n\0", "run (SyntaxError"),
+    "joint that is called twice": ('Joint("elbow"', 'Joint("shoulder"', "('elbow', 'hinge')]; name all"),
     "kind of joint": ('Joint("elbow", "hinge"', 'Joint("elbow", "hinges"', "'hinges'"),
     "range backwards": ("(-math.pi, math.pi)),\n    )", "(math.pi, -math.pi)),\n    )", "swap"),
     "range of one number": ("(-math.pi, math.pi)),\n    )", "math.pi),\n    )", "start_range"),
@@ -95,6 +101,11 @@ SEEN = {
         MARKS, MARKS.replace('"lower", (0, 0, 0.8)', '"upper", (0, 0, 0.4)'), "'elbow' moves no keypoint"
     ),
     "starts beyond the joint's range": ('<joint name="elbow" axis="0 1 0"/>', LIMITED, "outside its range"),
+    "range in radians in an MJCF of degrees": (
+        '<joint name="elbow" axis="0 1 0"/>', LIMITED.replace("90", "3.14"), 'compiler angle="radian"'
+    ),
+    "target in degrees": ("target_qpos=(0.0, 0.0)", "target_qpos=(180.0, 0.0)", "math.radians"),
+    "starts in degrees": ("(-math.pi, math.pi)", "(-180, 180)", "math.radians"),
     "actuator without effect": (MOTOR, MOTOR.replace('gear="2"', 'gear="0"'), "no effect"),
     "actuator that is too weak": (MOTOR, MOTOR.replace('gear="2"', 'gear="0.001"'), "no effect"),
     "rest that is none": ("hanging_qpos=(math.pi, 0.0)", "hanging_qpos=(1.0, 0.0)", "no equilibrium"),
@@ -168,7 +179,7 @@ def test_other_commands_say_what_is_wrong_with_the_file(
         "exists": ("new", "arm"),
         "cannot be a name": ("new", "my arm"),
         "has no name": ("new", "other", "--mjcf", "arm.xml"),
-        "does not compile": ("new", "other", "--mjcf", "nowhere.xml"),
+        "hand in a MuJoCo XML file": ("new", "other", "--mjcf", "nowhere.xml"),
     }
     for words, command in cases.items():
         said = complaint(capsys, *command)

@@ -155,6 +155,17 @@ def test_a_report_that_is_none_is_refused(tmp_path, content, capsys):
     assert str(path) in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "words, named", [(("cartpole", "--workers", "0"), "workers is 0"), (("arm.py",), "no weights")]
+)
+def test_a_loop_that_cannot_run_leaves_no_folder(words, named, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "arm"]) == 0
+    assert main(["loop", *words, "--conceal", "7", "--out", "loop"]) == 2
+    assert named in capsys.readouterr().err
+    assert not (tmp_path / "loop").exists()
+
+
 @pytest.mark.slow
 @pytest.mark.render
 def test_the_whole_loop(tmp_path, capsys):

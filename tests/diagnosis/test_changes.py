@@ -85,6 +85,11 @@ def test_recordings_of_other_motors_or_units_are_no_baseline(before: list[Record
         compared([replace(r, units={"qpos": "rad", "action": "N m"}) for r in before[5:]], before[:5])
 
 
+def test_the_page_of_what_is_detectable_is_html(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["detectable", str(tmp_path), "--out", str(tmp_path / "least.pdf")]) == 2
+    assert "must end in .html" in capsys.readouterr().err
+
+
 def test_what_is_detectable_is_told_by_place_and_effect(
     before: list[Recording], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

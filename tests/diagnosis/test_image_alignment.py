@@ -115,6 +115,8 @@ def test_mistakes_get_one_sentence(tmp_path, capsys):
     nameless = replace(run, camera=None)
     with pytest.raises(InputError, match="say which one looked"):
         read_positions([nameless], model)
+    with pytest.raises(InputError, match="workers is 0"):
+        read_positions([run], model, workers=0)
     write_recording(tmp_path / "data" / "0", run)
     command = ["diagnose", str(tmp_path / "data"), "--env", "KeyCLD/Pendulum-v0"]
     for wrong in (["--camera", "fixed"], ["--observe", "pixels", "--tracked"], ["--observe", "both"]):

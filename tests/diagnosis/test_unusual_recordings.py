@@ -165,6 +165,7 @@ def test_recordings_are_refused_with_the_field_and_the_remedy(runs, model):
         (replace(r, t_action=np.asarray(r.t_action) + 1e9), model, "must count from the same time"),
         (replace(r, units={"qpos": "deg", "action": "1"}), model, "'hinge' in 'deg'; convert qpos"),
         (replace(r, qpos=(30 * q) % (2 * np.pi)), model, "angles of 'hinge' that jump by .* unwrap"),
+        (replace(r, t_state=t[:3], qpos=q[:3]), model, "has 3 samples; a motion needs at least 4"),
         (replace(acrobot, qpos=blind), two, "more than half of the samples of 'elbow'"),
         (replace(acrobot, actuator_names=acrobot.actuator_names[::-1]), two, "order the columns of action"),
     ):

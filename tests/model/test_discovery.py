@@ -210,6 +210,12 @@ def test_frames_that_cannot_tell_are_refused(tmp_path: Path) -> None:
     write(tmp_path / "still", lambda rng: still)
     with pytest.raises(InputError, match="Nothing moves"):
         read_frames(read_dataset(tmp_path / "still"))
+    few = Recording(
+        id="a", source="real", joint_names=("a",), units={"qpos": "rad"}, t_state=np.arange(9.0), qpos=np.zeros((9, 1))
+    )
+    write_recording(tmp_path / "blind" / "a", few)
+    with pytest.raises(InputError, match="have no frames"):
+        read_frames(read_dataset(tmp_path / "blind"))
     write(tmp_path / "few", arm, number=1)
     with pytest.raises(InputError, match="10 frames"):
         read_frames(read_dataset(tmp_path / "few"))

@@ -13,10 +13,13 @@ from keycld_control.benchmarks.intervals.coverage import compare
 from keycld_control.benchmarks.intervals.keypoints import Errors, near_truth, rod_angles, simulate
 from keycld_control.benchmarks.intervals.mechanisms import KINDS, drawn_mechanism
 from keycld_control.benchmarks.intervals.truth import truth_of
+from keycld_control.cli import main
 from keycld_envs import InputError, get_system
 from keycld_envs.mechanism import Mechanism, Rod
+from keycld_envs.recordings import Recording, read_dataset, write_recording
 from keycld_model import WorldModel
 from keycld_model.modules import Parts
+from keycld_model.training import covariance
 from keycld_model.training.covariance import measure_uncertainty
 from keycld_model.uncertainty import Uncertainty, numbers_of
 
@@ -101,6 +104,54 @@ def test_a_checkpoint_keeps_uncertainties_and_one_without_says_how_to_get_them(t
     other = known(CONFIG, level=[[0.01]]).uncertainty
     with pytest.raises(InputError, match="another model"):
         WorldModel.load(replace(model, uncertainty=other).save(tmp_path / "other"))
+
+
+def recorded(folder, system):
+    """A data set of three recordings of images in which nothing is, of a pendulum with one motor."""
+    clock = CONFIG.timestep * np.arange(12)
+    for name in "abc":
+        recording = Recording(
+            id=name,
+            source="simulation",
+            system=system,
+            actuator_names=("torque",),
+            units={"action": "N m"},
+            camera={"width": CONFIG.image_shape[1], "height": CONFIG.image_shape[0]},
+            t_action=clock[:-1],
+            action=np.zeros((11, 1)),
+            t_frame=clock,
+            frames=np.zeros((12, *CONFIG.image_shape, 3), np.uint8),
+        )
+        write_recording(folder / name, recording)
+    return read_dataset(folder)
+
+
+def test_recordings_that_leave_the_equations_singular(tmp_path, monkeypatch):
+    """Nothing differs from what is predicted, whatever the numbers of the model are."""
+
+    def nothing(problem, fit, features, kind, free):
+        p, f = len(free), len(kind)
+        zero = np.zeros
+        empty = zero((3, p, p)), zero((3, p)), zero((3, p, f)), zero((f, f)), zero((3, f))
+        return covariance._Sums(free, kind, zero((p, p)), *empty, 0.0, 0.0, 0.0)
+
+    monkeypatch.setattr(covariance, "_trajectories", lambda *_: {"x": np.zeros((3, 2)), "v": np.zeros((3, 2))})
+    monkeypatch.setattr(covariance, "minimise", lambda problem, fit, *_: (fit, 0.0))
+    monkeypatch.setattr(covariance, "_sums", nothing)
+    model = WorldModel(CONFIG, jax.tree.map(jnp.asarray, random_parameters(CONFIG)))
+    with pytest.raises(InputError, match=r"too little moves in them; use .* recordings in motion"):
+        covariance.with_uncertainty(model, recorded(tmp_path / "data", None))
+
+
+def test_intervals_of_another_system_or_in_a_folder_that_is_there(tmp_path, capsys):
+    model = WorldModel(
+        replace(CONFIG, system="KeyCLD/Pendulum-v0"), jax.tree.map(jnp.asarray, random_parameters(CONFIG))
+    )
+    with pytest.raises(InputError, match="records KeyCLD/Cartpole-v0; measure on recordings of its own system"):
+        covariance.with_uncertainty(model, recorded(tmp_path / "data", "KeyCLD/Cartpole-v0"))
+    out = str(tmp_path / "data")
+    assert main(["intervals", "pendulum", "--data", out, "--out", out]) == 2
+    assert "exists already" in capsys.readouterr().err
 
 
 def test_positions_of_another_shape():

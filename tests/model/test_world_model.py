@@ -157,7 +157,7 @@ def test_every_flipped_byte_is_noticed(checkpoint):
     "changes, words",
     [
         ({"width": 0}, "width is 0"),
-        ({"width": 9}, "groups is 4; it must divide width, 9"),
+        ({"width": 9}, "width is 9; it must be a multiple of groups, 4"),
         ({"groups": True}, "groups is True"),
         ({"hidden": 10**9}, "hidden is 1000000000"),
         ({"gaussian_widths": (0.1, float("nan"))}, "gaussian_widths is nan"),

@@ -135,6 +135,11 @@ def test_settings_out_of_range(field: str, value: float) -> None:
         replace(SMALL, **{field: value})
 
 
+def test_the_least_velocity_is_told_as_nought() -> None:
+    with pytest.raises(InputError, match=r"velocity is -1\.0; it must be a number from 0 up to"):
+        replace(SMALL, velocity=-1.0)
+
+
 @pytest.mark.render
 def test_the_action_range_is_the_papers_unless_given() -> None:
     for settings, bound in (

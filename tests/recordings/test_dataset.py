@@ -153,6 +153,9 @@ def test_damage_is_refused_or_skipped_with_a_warning(folder: Path) -> None:
 def test_unusable_folders(tmp_path: Path, folder: Path) -> None:
     with pytest.raises(InputError, match="does not exist; `keycld collect`"):
         read_dataset(tmp_path / "nowhere")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="file is a file; name a folder of recordings"):
+        read_dataset(tmp_path / "file")
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="holds no recordings"):
         read_dataset(tmp_path / "empty")

@@ -1,7 +1,9 @@
 """Data sets from videos: what is kept, when it was taken, and where it was in the video."""
 
+import subprocess
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 
@@ -97,6 +99,8 @@ def test_from_the_command_line(video: Path, tmp_path: Path, capsys: pytest.Captu
     args = ["import", str(video), "--out", str(tmp_path / "data"), "--mechanism", str(declared)]
     assert main(args) == 2
     assert "--pivot COLUMN ROW" in capsys.readouterr().err
+    assert main([*args, "--pivot", "90", "20", "--crop", "60", "0", "60"]) == 2
+    assert "--crop puts the pivot at (0.017, 0.322), but" in capsys.readouterr().err
     assert main([*args, "--pivot", "90", "20", "--frames", "20", "--json"]) == 0
     assert '"recordings": 3' in capsys.readouterr().out
 
@@ -110,6 +114,11 @@ def test_from_the_command_line(video: Path, tmp_path: Path, capsys: pytest.Captu
         (["--fps", "0"], "--fps"),
         (["--every", "0"], "--every"),
         (["--size", "2"], "--size"),
+        (["--size", "100000"], "--size"),
+        (["--crop", "0", "0", "100000"], "--crop must be 8192"),
+        (["--pivot", "nan", "20"], "--pivot is nan 20"),
+        (["--pivot", "9000", "9000"], "--pivot 9000 9000 is far from all that moves"),
+        (["--time", "t"], "leave --time out"),
     ],
 )
 def test_mistakes_are_told(
@@ -132,3 +141,34 @@ def test_a_truncated_video(video: Path, tmp_path: Path, capsys: pytest.CaptureFi
     cut.write_bytes(video.read_bytes()[: video.stat().st_size // 2])
     assert main(["import", str(cut), "--out", str(tmp_path / "data")]) == 2
     assert "cut.mkv" in capsys.readouterr().err
+
+
+def test_an_uneven_rate_is_told_with_the_longest_run(video: Path, tmp_path: Path) -> None:
+    look = look_at(video)
+    times = np.cumsum(np.where(np.arange(COUNT) % 7 == 0, 0.1, 1 / RATE))
+    with pytest.raises(InputError, match=r"7 in a row at most\); film for longer and at a fixed rate"):
+        write_parts(video, tmp_path / "data", type(look)(look.size, times, look.moving), Square(0, 0, 120), no_progress)
+
+
+@pytest.mark.parametrize(
+    "name, content, words",
+    [
+        ("a.mp4", b"", "(it is empty)"),
+        ("a.mp4", b"no video at all", "(it is cut short, or no MP4)"),
+        ("a.png", b"no video either", "a.png is no video by its name"),
+    ],
+)
+def test_what_is_no_video(
+    name: str, content: bytes, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert main(["import", str(tmp_path / name), "--out", str(tmp_path / "data"), "--frames", "20"]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_file_of_sound_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sound = tmp_path / "sound.mp4"
+    made = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-f", "lavfi", "-i", "sine=duration=1", str(sound)]
+    subprocess.run(made, check=True)
+    assert main(["import", str(sound), "--out", str(tmp_path / "data")]) == 2
+    assert "sound.mp4 cannot be decoded as a video (it holds no pictures)" in capsys.readouterr().err

@@ -133,6 +133,14 @@ def test_minari_loads_our_data_set(tmp_path: Path, make_recording: Make, monkeyp
     assert episode.truncations.tolist() == [False] * 6 + [True]
 
 
+def test_a_folder_that_only_looks_like_minari(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("minari")
+    (tmp_path / "pen/data").mkdir(parents=True)
+    (tmp_path / "pen/data/metadata.json").write_text("{}")
+    assert main(["import", str(tmp_path / "pen"), "--out", str(tmp_path / "back")]) == 2
+    assert "name a whole Minari data set" in capsys.readouterr().err
+
+
 def test_minari_of_others_needs_its_clock_and_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     storage = pytest.importorskip("minari.dataset.minari_storage")
     from gymnasium.spaces import Box

@@ -64,6 +64,7 @@ def test_columns_without_a_header_and_the_end_of_a_killed_logger(tmp_path: Path)
         ("t,angle\n", "no rows"),
         ("t,t\n0,1\n", "two columns are named 't'"),
         ("t,angle\n0,1\n\n0.1,1e\n", r"log.csv, line 4, column 'angle': '1e' is no number"),
+        ("t;angle\n0,1;1\n", r"line 2, column 't': '0,1' is no number; write it with a decimal point"),
         ("t,angle\n0,1\n0.1,1,2\n", r"line 3 is too long: it has 3 of 2 cells"),
         ("t,angle\n0,1\n0.1\n0.2,1\n", r"line 3 is truncated"),
     ],
@@ -144,6 +145,12 @@ def test_a_missing_command_is_refused_unless_the_one_before_holds() -> None:
         ({}, Columns("t", {"hinge": "q"}, units={"t": "deg"}), "'t' is a clock, which is not in 'deg'"),
         ({}, Columns("t", {"hinge": "q"}, units={"q": "N m"}), "'q' is a joint's position, which is not in 'N m'"),
         ({"q": [0.0, 6.0, 12.6]}, Columns("t", {"hinge": "q"}), "may be degrees; say .*, --unit q=deg"),
+        ({"q": [np.nan] * 3}, Columns("t", {"hinge": "q"}), "column 'q' holds no number"),
+        (
+            {"t": 20.0 * np.arange(20), "q": np.zeros(20)},
+            Columns("t", {"hinge": "q"}),
+            "column 't': a row every 20 may be of ms, us or ns; say .*, --unit t=ms",
+        ),
         ({"q": [350.0, 356.0, 2.0]}, Columns("t", {"hinge": "q"}), "may be degrees; say which unit they have"),
     ],
 )

@@ -71,6 +71,12 @@ def test_what_is_no_video_is_refused_with_one_sentence(tmp_path, capsys, content
     assert not (tmp_path / "o").exists()
 
 
+def test_a_negative_seed_is_refused(tmp_path, capsys):
+    words = ["track", str(tmp_path / "a.mp4"), "--mechanism", "examples/apple_pendulum.py", "--seed", "-1"]
+    assert main([*words, "--out", str(tmp_path / "o")]) == 2
+    assert "seed is -1" in capsys.readouterr().err
+
+
 def test_a_truncated_video_is_refused(tmp_path, capsys):
     draw_pendulum(tmp_path / "a.mp4", swing(np.arange(40) / 30), (96, 64), np.array([48.0, 0.0]), 45.0)
     whole = (tmp_path / "a.mp4").read_bytes()

@@ -60,7 +60,7 @@ def make(out: Path, settings: Settings, workers: int = 1, ray: str | None = None
         The manifest.
 
     Raises:
-        InputError: if the folder holds a benchmark with other settings.
+        InputError: if the folder holds a benchmark with other settings, or something else.
     """
     out = out.resolve()
     if settings.cases < 1 or settings.seed < 0 or workers < 1:
@@ -71,6 +71,8 @@ def make(out: Path, settings: Settings, workers: int = 1, ray: str | None = None
         if settled.is_file():
             if settled.read_text(encoding="utf-8") != content:
                 raise InputError(f"{settled} is of a benchmark with other settings; choose another folder.")
+        elif any(not path.name.startswith(".") for path in out.iterdir()):
+            raise InputError(f"{out} exists and was not made by `keycld blind make`; choose another folder.")
         else:
             with atomic_file(settled, "w") as file:
                 file.write(content)

@@ -56,7 +56,7 @@ def read_csv(
     except FileNotFoundError as error:
         raise InputError(f"{path} does not exist; name a CSV file.") from error
     except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"{path} cannot be read as UTF-8 text ({error}); name a CSV file.") from error
+        raise InputError(f"{path} cannot be read as UTF-8 text ({error}); name a CSV file in UTF-8.") from error
 
 
 def _table(path: Path, file: TextIO, names: Sequence[str] | None, drop_truncated_end: bool, skip: int) -> Table:
@@ -126,9 +126,9 @@ def _row(path: Path, line: int, cells: list[str], names: Sequence[str]) -> list[
     out = []
     for name, cell in zip(names, cells, strict=True):
         if (value := _number(cell)) is None:
-            raise InputError(
-                f"{path}, line {line}, column {name!r}: {cell!r} is no number; correct it, or leave it empty."
-            )
+            point = _number(cell.replace(",", ".")) is not None
+            remedy = "write it with a decimal point" if point else "correct it, or leave it empty"
+            raise InputError(f"{path}, line {line}, column {name!r}: {cell!r} is no number; {remedy}.")
         out.append(value)
     return out
 

@@ -24,6 +24,10 @@ LOOK = 320
 """Width at which motion is looked for, pixels."""
 SAMPLES = 64
 """Frames in which it is looked for, at least, evenly spread; twice as many at most."""
+LARGEST = 8192
+"""Pixels of the side of a square that is kept, and of the frames that are written."""
+FARTHEST = 16
+"""Times the size of what moves that a square around a pivot may have, before little is left of the motion in it."""
 MARGIN = 0.12
 """Of the moving region's longer side, left free around it."""
 STEADY = 0.05
@@ -114,8 +118,16 @@ def square_around(
     x, y = (place[0] + 1) / 2, (1 - place[1]) / 2  # shares of the side to the left of the pivot, and above it
     if not (0 < x < 1 and 0 < y < 1):
         raise InputError(f"The mechanism has its pivot at {place}, outside its picture; name --crop LEFT TOP SIDE.")
+    if not np.isfinite(pivot).all():
+        raise InputError(f"--pivot is {pivot[0]:g} {pivot[1]:g}; it must be a column and a row, pixels.")
     needed = ((pivot[0] - left) / x, (right - pivot[0]) / (1 - x), (pivot[1] - top) / y, (bottom - pivot[1]) / (1 - y))
     side = math.ceil(max(needed))
+    if side > FARTHEST * max(right - left, bottom - top):
+        raise InputError(
+            f"--pivot {pivot[0]:g} {pivot[1]:g} is far from all that moves, columns {left:.0f} to {right:.0f} and rows "
+            f"{top:.0f} to {bottom:.0f}; name its place in pixels of the video as it is shown, or what to keep with "
+            "--crop LEFT TOP SIDE."
+        )
     return Square(round(pivot[0] - x * (side - 1)), round(pivot[1] - y * (side - 1)), side)
 
 
@@ -141,6 +153,8 @@ class Cut:
         for name, least in (("size", 8), ("frames", 5), ("every", 1)):
             if (value := getattr(self, name)) < least:
                 raise InputError(f"--{name} is {value}; it must be {least} at least.")
+        if self.size > LARGEST:
+            raise InputError(f"--size is {self.size}; it must be {LARGEST} pixels at most.")
 
 
 def write_parts(path: Path, out: Path, look: Look, square: Square, advance: Advance, cut: Cut = Cut()) -> int:
@@ -166,12 +180,17 @@ def write_parts(path: Path, out: Path, look: Look, square: Square, advance: Adva
     if not (-square.side < square.left < width and -square.side < square.top < height):
         named = f"{square.left} {square.top} {square.side}"
         raise InputError(f"--crop {named} shows nothing of {path}, which is {width}×{height} pixels; name another.")
+    if square.side > LARGEST:
+        raise InputError(
+            f"The square to keep of {path} is {square.side} pixels wide; --crop must be {LARGEST} at most."
+        )
     times = look.times[:: cut.every]
     starts = _steady(times, cut.frames)
     if not starts:
+        most = max(n for n in range(1, min(cut.frames, len(times)) + 1) if _steady(times, n))
         raise InputError(
             f"{path} has no {cut.frames} frames in a row of steady rate (one in {cut.every} of {len(look.times)} is "
-            "kept); film for longer, or choose fewer --frames."
+            f"kept, {most} in a row at most); film for longer and at a fixed rate, or choose fewer --frames."
         )
     last = {start + cut.frames - 1: number for number, start in enumerate(starts)}
     buffer: deque[NDArray[np.uint8]] = deque(maxlen=cut.frames)

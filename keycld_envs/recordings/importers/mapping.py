@@ -35,6 +35,8 @@ POSITIONS, COMMANDS = ("rad", "m", *INTEGRALS), ("N m", "N", "1", "V", "A", "rad
 """What joints and actuators may have."""
 TURN = 2 * np.pi * 1.01
 """Range of angles that were wrapped to one turn, rad, with a little noise."""
+LONGEST_STEP, ROWS = 1.0, 20
+"""Between two rows, from which on a clock of so many rows without a stated unit may as well be in ms."""
 MOST_TURNS = 2.0
 """Turns either way beyond which angles without a stated unit may as well be degrees."""
 
@@ -99,8 +101,8 @@ def assemble(
 
     Raises:
         InputError: if a column is missing, lengths differ, a clock misses a time or runs backwards, a unit is
-            unknown or of something else, angles without a unit may be degrees, or an action is missing; the message
-            names file, column and line.
+            unknown or of something else, angles without a unit may be degrees or a clock without one ms, a column
+            holds nothing, or an action is missing; the message names file, column and line.
     """
     _check_columns(table, columns)
     signals, units = _signals(table, columns)
@@ -121,6 +123,8 @@ def assemble(
 def _signals(table: Table, columns: Columns) -> tuple[dict[str, Any], dict[str, tuple[str, ...]]]:
     """Clocks, positions, velocities and actions as a recording has them, and their units."""
     clock = _clock(table, columns.time, columns.units)
+    if columns.time not in columns.units:
+        _check_seconds(table, columns.time, clock)
     action_clock = clock if columns.action_time is None else _clock(table, columns.action_time, columns.units)
     measured = _units(columns.joints, columns.units, "rad")
     positions = _signal(table, columns.joints, columns.units, columns.time, clock)
@@ -143,6 +147,16 @@ def _signals(table: Table, columns: Columns) -> tuple[dict[str, Any], dict[str, 
         action = _signal(table, columns.actions, columns.units, name, action_clock)
         signals |= {"t_action": action_clock, "action": _complete(table, columns, action)}
     return signals, units
+
+
+def _check_seconds(table: Table, name: str, clock: Array) -> None:
+    """Refuse a clock without a stated unit that may as well be in ms, us or ns."""
+    step = float(np.median(np.diff(clock))) if len(clock) >= ROWS else 0.0
+    if step >= LONGEST_STEP:
+        raise InputError(
+            f"{table.path}, column {name!r}: a row every {step:.4g} may be of ms, us or ns; say which unit the clock "
+            f"has, --unit {name}=ms or --unit {name}=s."
+        )
 
 
 def _added_up(table: Table, clock: Array, speed: Array) -> Array:
@@ -242,6 +256,8 @@ def _signal(table: Table, names: Mapping[str, str], units: Mapping[str, str], cl
                 f"{table.path}, {table.row(bad[0])}, column {name!r}: {values[bad[0]]} is no measurement; leave the "
                 "cell empty."
             )
+        if np.isnan(values).all():
+            raise InputError(f"{table.path}, column {name!r} holds no number; name another column.")
         out[:, j] = values * _factor(units.get(name, "1"))
     return out
 

@@ -39,7 +39,7 @@ class MinariFolder:
             self._data = minari.MinariDataset(folder.resolve() / "data")
             self.length = len(self._data)
             self._fields = [json.loads(text) for text in self._data.storage.metadata.get(FIELDS, ())]
-        except (OSError, ValueError, LookupError, TypeError, ImportError) as error:
+        except (OSError, ValueError, LookupError, TypeError, ImportError, AssertionError) as error:
             raise self._damaged("data", error) from error
 
     def __iter__(self) -> Iterator[Episode]:

@@ -7,8 +7,7 @@ from pathlib import Path
 import mujoco
 
 from keycld_envs.errors import InputError
-from keycld_envs.mjcf import check_step, refused
-from keycld_envs.reading import JSON_SHARE, check_file
+from keycld_envs.mjcf import check_document, check_step, refused
 from keycld_envs.registration import make, resolve_env_id
 
 
@@ -35,11 +34,7 @@ class Source:
         Raises:
             InputError: if it does not compile.
         """
-        try:
-            check_file(path, JSON_SHARE)
-        except (OSError, ValueError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            raise InputError(f"{path} cannot be read ({reason}); hand in a MuJoCo XML file.") from error
+        check_document(path)
         try:
             source = cls(mujoco.MjModel.from_xml_path(str(path)), path)
             if unnamed(source.model) is not None:

@@ -6,6 +6,9 @@ import numpy as np
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 
+FEWEST = 4
+"""Samples of a joint's position."""
+
 
 def check_positions(recording: Recording, model: mujoco.MjModel) -> None:
     """Raise InputError if a recording does not have positions of a model's joints, usable as they are."""
@@ -25,7 +28,9 @@ def check_positions(recording: Recording, model: mujoco.MjModel) -> None:
             raise InputError(f"{who} has positions of {name!r} in {own!r}; convert qpos to rad or m.")
         q = positions[first:, j]
         good = np.flatnonzero(np.isfinite(q))
-        if len(good) < max(4, len(q) / 2):
+        if len(q) < FEWEST:
+            raise InputError(f"{who} has {len(q)} samples; a motion needs at least {FEWEST}, so record for longer.")
+        if len(good) < max(FEWEST, len(q) / 2):
             raise InputError(f"{who} misses more than half of the samples of {name!r} (NaN in qpos); leave it out.")
         jumps = np.abs(np.diff(q[good]))[np.diff(good) == 1]
         if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and np.any((jumps > 5.0) & (jumps < 7.5)):
