@@ -3,8 +3,7 @@
 In those of the image, lengths are image units (1 from the middle of the image to its border), masses shares of the
 total, so that forces and torques are per total mass; x is right, z up, as the camera looks. Motion alone leaves the
 scale of all forces open; where the motors of a system are declared, their power tells it, and its slides tell metres:
-in its units, joints count as the system's do, torques are N m, and steps are those of the system's simulation (Euler's,
-as dm_control's pendulum has them, let commands act half a step early). The kinetic energy is the model's. Its weights
+in its units, joints count as the system's do, and torques are N m. The kinetic energy is the model's. Its weights
 need not be in proportion to the masses, since a real link has an inertia and a moment; MuJoCo's compensation of
 gravity, body by body, makes up the difference. Networks may bend V and g beyond what bodies under gravity and motors
 at joints can do; how much of both is left out is told.
@@ -86,8 +85,7 @@ def learned_mjcf(model: LearnedSystem, of_system: bool = False) -> LearnedMjcf:
 
     Args:
         model: with rods and sliders that hold its masses.
-        of_system: count joints as the model's system does, in rad, m and N m, in place of image units, and step as its
-            simulation does.
+        of_system: count joints as the model's system does, in rad, m and N m, in place of image units.
 
     Raises:
         InputError: if the model has no constraints, its keypoints do not each hang on one rod or slider, or V and g are
@@ -243,9 +241,6 @@ def _built(
     spec.compiler.degree = False
     spec.option.timestep = model.timestep / max(1, int(np.ceil(model.timestep / SUBSTEP - 1e-9)))
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    if units.of_system and model.system is not None:
-        simulated = system_of(model.system).compile().opt
-        spec.option.timestep, spec.option.integrator = simulated.timestep, simulated.integrator
     spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     gravity, height = float(weights.sum()), model.image_shape[0]  # the sum of all masses is one
     spec.option.gravity = [0.0, 0.0, -gravity * metre]

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
@@ -53,7 +54,9 @@ def learned_positions(recordings: Sequence[Recording], model: WorldModel, docume
             error = places_of(model, document, model.keypoints(drawn.clip(0.0, 1.0))) - q
             again.append(np.where(turns, wrapped(error), error)[shares >= TRUSTED])
             explained.append(shares)
-            out.append(_with_positions(recording, document, simulator, np.where(shares[:, None] >= TRUSTED, q, np.nan)))
+            out.append(
+                _with_positions(recording, model, document, simulator, np.where(shares[:, None] >= TRUSTED, q, np.nan))
+            )
             advance(len(film))
     errors = np.concatenate(again)
     error = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(simulator.nq, np.nan)
@@ -87,7 +90,21 @@ def _frames(recording: Recording, model: WorldModel) -> NDArray[np.uint8]:
     return film
 
 
-def _with_positions(recording: Recording, document: LearnedMjcf, simulator: mujoco.MjModel, q: Floats) -> Recording:
+def _early(recording: Recording, model: WorldModel) -> float:
+    """Seconds by which commands act before their time in a recording.
+
+    A simulation with Euler's steps moves as if each command had come half a step early, since positions go on with the
+    velocity at the end of the step; what the model has learned is the motion between.
+    """
+    if recording.source != "simulation" or model.system is None:
+        return 0.0
+    option = system_of(model.system).compile().opt
+    return 0.0 if option.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 0.5 * float(option.timestep)
+
+
+def _with_positions(
+    recording: Recording, model: WorldModel, document: LearnedMjcf, simulator: mujoco.MjModel, q: Floats
+) -> Recording:
     """The recording with positions in place of any that it has; turns go on from frame to frame."""
     turns = simulator.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
     for j in np.flatnonzero(turns):
@@ -97,6 +114,7 @@ def _with_positions(recording: Recording, document: LearnedMjcf, simulator: mujo
     units = {key: unit for key, unit in recording.units.items() if key != "qvel"}
     return replace(
         recording,
+        t_action=None if recording.t_action is None else recording.t_action - _early(recording, model),
         joint_names=document.joints,
         t_state=np.asarray(recording.t_frame, np.float64),
         qpos=q,
