@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from keycld_model.sampling import bilinear
 from keycld_model.tracking.camera import Camera
 from keycld_model.tracking.film import Film
-from keycld_model.tracking.sampling import bilinear
 
 Array = NDArray[np.float64]
 ITERATIONS = 25
