@@ -243,7 +243,7 @@ def _assemble(film: Film, mechanism: Mechanism, camera: Camera, found: _Found, p
     angles = np.diff(directions, axis=1, prepend=0)
     angles = np.stack([_unwrapped(np.angle(np.exp(1j * angle)), film.times) for angle in angles.T], axis=1)
     tangent = np.stack([-away[..., 1], away[..., 0]], axis=-1) @ stretch / distance[..., None] ** 2
-    lengths = np.array([radius, *(each.radius for each in pivots[1:])])
+    usual = np.array([radius, *np.nanmedian(distance[:, 1:], axis=0)])
     centres = np.array([camera.to_frame(t, pivot.centre) for t in range(len(film))])
     in_frames = np.array([camera.to_frame(t, p) for t, p in enumerate(places)])
     carried = np.einsum("tij,tkjl,tml->tkim", camera.linear, covariance, camera.linear)
@@ -259,7 +259,7 @@ def _assemble(film: Film, mechanism: Mechanism, camera: Camera, found: _Found, p
         lengths=s * np.array([each.radius for each in pivots]),
         length_deviation=s * np.array([each.deviation[2] for each in pivots]),
         pivot_deviation=s * pivot.deviation[:2],
-        stretched=distance / lengths - 1,
+        stretched=distance / usual - 1,
         noise=s * noise,
         angle_noise=np.array([scatter(film.times, angle)[1] for angle in angles.T]),
         inflation=inflation,
