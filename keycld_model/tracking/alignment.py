@@ -178,7 +178,7 @@ class Aligner:
         weight = self._weight(error, there)
         normal = (self.jacobian * weight[:, None]).T @ self.jacobian + 1e-12 * np.eye(5) + prior
         full = (self.jacobian[:, 1:3] ** 2 * self.look.precision[:, None]).sum()
-        seen = float((self.jacobian[:, 1:3] ** 2 * weight[:, None]).sum() / full)
+        seen = float((self.jacobian[:, 1:3] ** 2 * weight[:, None]).sum() * self._size(error, there) ** 2 / full)
         scaled = np.where(there, error, 0) ** 2 * self.look.precision
         misfit = float(np.sqrt(scaled.sum() / max(1, there.sum())))
         local = np.linalg.inv(normal)[:3, :3]
@@ -214,9 +214,13 @@ class Aligner:
 
     def _weight(self, error: Array, there: NDArray[np.bool_]) -> Array:
         scaled = np.where(there, error, 0) * np.sqrt(self.look.precision)
-        size = max(1.0, 1.4826 * float(np.median(np.abs(scaled[there]))))
+        size = self._size(error, there)
         robust = np.clip(1 - (scaled / (TUKEY * size)) ** 2, 0, None) ** 2
         return np.where(there, robust * self.look.precision / size**2, 0)
+
+    def _size(self, error: Array, there: NDArray[np.bool_]) -> float:
+        """Robust size of errors that are there, in their usual scatter."""
+        return max(1.0, 1.4826 * float(np.median(np.abs(error[there]) * np.sqrt(self.look.precision[there]))))
 
     @staticmethod
     def _compose(pose: Array, step: Array) -> Array:

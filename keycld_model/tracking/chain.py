@@ -22,6 +22,8 @@ LEAST_WAY = 2.0
 """Working pixels by which a part must move."""
 SEEN = 0.45
 """Share of a part that must be seen for its place to count."""
+OTHER = 4.0
+"""Misfit, in medians of all frames, from which on something else is seen than the part."""
 FEWEST = 6
 """Frames in which a part must be seen."""
 
@@ -222,7 +224,7 @@ def _good(poses: Poses) -> NDArray[np.bool_]:
     """Frames in which the part was found: enough of it is seen, and it looks as it does elsewhere."""
     known = np.isfinite(poses.values[:, 0])
     usual = float(np.median(poses.misfit[known & np.isfinite(poses.misfit)]))
-    return known & (poses.seen > SEEN) & (poses.misfit < 4 * max(usual, 0.5))
+    return known & (poses.seen > SEEN) & (poses.misfit < OTHER * max(usual, 0.5))
 
 
 def _hinge(poses: Array, anchor: Array) -> Array:

@@ -35,7 +35,7 @@ CHAIN = """
       <site name="elbow" pos="0 0 -.4"/>
       <body pos="0 0 -.4">
         <joint axis="0 -1 0" damping=".004"/>
-        <joint axis="1 0 0" damping="100"/>
+        <joint axis="1 0 0" armature="1000"/>
         <geom type="capsule" fromto="0 -.03 0 0 -.03 -.3" size=".022" mass=".2" rgba=".15 .25 .6 1" contype="0"
           conaffinity="0"/>
         <geom type="sphere" pos="0 0 -.3" size=".045" mass=".2" rgba=".15 .25 .6 1" contype="0" conaffinity="0"/>
