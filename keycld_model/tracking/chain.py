@@ -89,7 +89,7 @@ def follow(
             found = align_all(aligner, chosen, poses[k], orbit, anchor, start.aside, advance if last else None)
             if start.tip is not None and np.linalg.norm(keypoint - start.tip) > thickness:
                 keypoint = start.tip  # what was marked is not the thickest place
-            part = Part(found, keypoint, thickness, _good(found))
+            part = Part(found, keypoint, thickness, _good(found, strict=last))
             if part.seen.sum() < FEWEST:
                 raise InputError(f"{film.path}: what moves does not keep its appearance; film it sharper, or slower.")
             parts.append(part)
@@ -184,7 +184,8 @@ def align_all(
     """
     count = len(guess)
     values = np.full((count, 3), np.nan)
-    covariance, misfit, seen = np.full((count, 3, 3), np.nan), np.full(count, np.inf), np.zeros(count)
+    covariance, seen = np.full((count, 3, 3), np.nan), np.zeros(count)
+    misfit, size = np.full(count, np.inf), np.full(count, np.inf)
     trail: list[Array] = []
     for t in frames:
         near = orbit[np.abs(np.angle(np.exp(1j * (orbit[:, 0] - guess[t, 0])))) <= aside]
@@ -193,11 +194,11 @@ def align_all(
             starts.append(np.array([guess[t, 0], *trail[-1][1:]]))
             starts += [np.array([guess[t, 0], *(2 * trail[-1] - trail[-2])[1:]])] if len(trail) > 1 else []
         start = min(starts, key=lambda p: aligner.cost(t, p))
-        values[t], covariance[t], misfit[t], seen[t] = aligner.align(t, start, start[0])
+        values[t], covariance[t], misfit[t], size[t], seen[t] = aligner.align(t, start, start[0])
         trail = [*trail[-1:], values[t]]
         if advance is not None:
             advance(2)
-    return Poses(values, covariance, misfit, seen)
+    return Poses(values, covariance, misfit, size, seen)
 
 
 def _check_moved(film: Film, parts: list[Part]) -> None:
@@ -220,11 +221,18 @@ def _learn_from(picture: NDArray[np.uint8], known: NDArray[np.intp]) -> NDArray[
     return known[diverse_frames(picture[known], LEARN)] if len(known) > LEARN else known
 
 
-def _good(poses: Poses) -> NDArray[np.bool_]:
-    """Frames in which the part was found: enough of it is seen, and it looks as it does elsewhere."""
+def _good(poses: Poses, *, strict: bool) -> NDArray[np.bool_]:
+    """Frames in which the part was found: enough of it is seen, and it looks as it does elsewhere.
+
+    Args:
+        poses: in some frames.
+        strict: a part that differs all over, by more than it does in most frames, counts as seen in part. Where looks
+            are learned it counts in full: else they would not be learned in all lights.
+    """
     known = np.isfinite(poses.values[:, 0])
     usual = float(np.median(poses.misfit[known & np.isfinite(poses.misfit)]))
-    return known & (poses.seen > SEEN) & (poses.misfit < OTHER * max(usual, 0.5))
+    seen = poses.seen / poses.size**2 if strict else poses.seen
+    return known & (seen > SEEN) & (poses.misfit < OTHER * max(usual, 0.5))
 
 
 def _hinge(poses: Array, anchor: Array) -> Array:

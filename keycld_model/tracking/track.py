@@ -1,6 +1,6 @@
 """A video's mechanism followed from frame to frame: keypoints, pivot and angles, with their uncertainty."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +56,7 @@ class Track:
         off_circle: [K], pixels, root mean square distance of each keypoint from its circle about what it hangs on.
         camera_travel: pixels, the largest way of a corner of the picture; 0 for a camera at rest.
         tilt: shorter over longer axis of the ellipse on which the first keypoint moves, where the plane of motion is
-            not parallel to the picture; 1 where it is, or no rod is seen that could tell.
+            not parallel to the picture; 1 where it is, for chains, or if no rod is seen that could tell.
         spokes: [2, 2], pixels: of the direction (sin, cos) of an angle, the way from the pivot to the first keypoint.
         circle_pivot: [2], pixels, the pivot if the motion were a circle in the picture.
         rods_seen: frames in which the direction of the rod was measured.
@@ -187,9 +187,11 @@ def track(
     copies = _copies(film, places[:, -1])
     missing = ~np.stack([part.seen for part in parts], axis=1) | copies[:, None]
     places = np.where(missing[..., None], np.nan, places)
-    rods = find_rods(film, camera, area, places[:, 0], circles[0].centre, parts[0].thickness)
-    pivot, tilt = _tilted(places[:, 0], circles[0], meeting_point(places[:, 0], rods))
-    found = _Found(parts, circles, pivot, tilt, len(rods.frames), copies)
+    found = _Found(parts, circles, circles[0], None, 0, copies)
+    if len(parts) == 1:  # the links of a chain are thick, and lines along their edges do not meet at the pivot
+        rods = find_rods(film, camera, area, places[:, 0], circles[0].centre, parts[0].thickness)
+        pivot, tilt = _tilted(places[:, 0], circles[0], meeting_point(places[:, 0], rods))
+        found = replace(found, pivot=pivot, tilt=tilt, rods_seen=len(rods.frames))
     return _assemble(film, mechanism, camera, found, places)
 
 
