@@ -18,6 +18,9 @@ class Args:
         video: Video file (.mp4, .mov, .mkv) of the mechanism, seen along its axis.
         mechanism: Python file with a variable `mechanism`, a keycld_envs.Mechanism.
         out: Folder to create: a recording, with overlay.mp4, report.html and track.json.
+        marks: Pivot and keypoints in one frame, column and row of each in pixels; a chain of rods needs them, one rod
+            alone is found without.
+        frame: Index of that frame.
         fps: Frames per second, in place of the file's time stamps.
         licence: Of the video.
         origin: Where it comes from; by default the file's name.
@@ -28,6 +31,8 @@ class Args:
     video: Positional[Path]
     mechanism: Path
     out: Path
+    marks: tuple[tuple[float, float], ...] = ()
+    frame: int = 0
     fps: float | None = None
     licence: str = ""
     origin: str = ""
@@ -37,6 +42,8 @@ class Args:
 
 def run(args: Args) -> None:
     """Read, follow, study, write, and say what was found."""
+    import numpy as np
+
     from keycld_control.tracking.save import check_out, recording_of, save
     from keycld_control.tracking.summary import summary
     from keycld_envs.checks import check_whole
@@ -52,14 +59,14 @@ def run(args: Args) -> None:
     with progress("Reading", total=1) as advance:
         film = read(args.video, mechanism, args.fps)
         advance()
-    with progress("Following", total=steps(film)) as advance:
-        found = track(film, mechanism, args.seed, advance)
-    driven = mechanism.num_actions > 0
+    marks = np.array(args.marks) if args.marks else None
+    with progress("Following", total=steps(film, mechanism)) as advance:
+        found = track(film, mechanism, args.seed, advance, marks, args.frame)
     study = None
-    if not driven:
+    if mechanism.num_keypoints == 1 and not mechanism.num_actions:
         with progress("Predicting", total=len(CANDIDATES)) as advance:
             study = study_pendulum(film.times, found.angles[:, 0], args.seed, advance)
-    numbers = summary(found, study, driven)
+    numbers = summary(found, study)
     recording = recording_of(found, args.out.name, args.licence, args.origin)
     with progress("Writing", total=len(film)) as advance:
         save(args.out, recording, found, study, numbers, advance)

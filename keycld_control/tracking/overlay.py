@@ -1,6 +1,7 @@
 """The track drawn over its video."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,16 +37,16 @@ def draw_overlay(track: Track, study: Study | None, advance: Advance) -> Iterato
 
 
 def draw_frame(frame: NDArray[np.uint8], track: Track, study: Study | None, t: int) -> NDArray[np.uint8]:
-    """One frame of the clip's size with the track drawn over it."""
+    """One frame of the clip's size with the track drawn over it, rods whose angles are not to be trusted in red."""
     image = Image.fromarray(frame)
     draw = ImageDraw.Draw(image)
     scale = np.array([frame.shape[1], frame.shape[0]]) / track.film.size
     points = (np.vstack([track.pivot[t], *track.keypoints[t]]) + 0.5) * scale
     unit = max(frame.shape[:2]) / 640
-    for rod in track.mechanism.rods:
-        ends = points[[0 if rod.start is None else rod.start + 1, rod.end + 1]]
+    for k, ends in enumerate(pairwise(points)):
         if np.isfinite(ends).all():
-            draw.line([tuple(p) for p in ends], fill=ROD, width=max(1, round(1.5 * unit)))
+            colour = ROD if track.trusted[t, k] else LOST
+            draw.line([tuple(p) for p in ends], fill=colour, width=max(1, round(1.5 * unit)))
     _cross(draw, points[0], 6 * unit, PIVOT)
     for point in points[1:]:
         if np.isfinite(point).all():

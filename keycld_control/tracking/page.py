@@ -19,7 +19,9 @@ from keycld_envs.templates import templates
 from keycld_model.tracking import Track
 from keycld_model.tracking.pendulum import Study
 
-BLUE, PINK, GREY = "#1f6f9f", "#e0457b", "#999"
+PINK = "#e0457b"
+COLOURS = "#1f6f9f", "#d08a1d", "#4a8f3c", "#7a56b0"
+"""Of the angles of one joint after the other."""
 PIECE = 320
 """Pixels of the width of a picture in the strip."""
 
@@ -57,11 +59,12 @@ def html_page(track: Track, study: Study | None, numbers: Mapping[str, Any], str
 def _angles(track: Track, study: Study | None) -> go.Figure:
     figure = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.7, 0.3], vertical_spacing=0.06)
     times = track.film.times
-    for k, (angle, deviation) in enumerate(zip(track.angles.T, track.deviation.T, strict=True)):
-        figure.add_scatter(x=times, y=angle, name=f"angle {k + 1}", mode="lines", line={"color": BLUE}, row=1, col=1)
-        figure.add_scatter(
-            x=times, y=1e3 * deviation, name="standard deviation", mode="lines", line={"color": GREY}, row=2, col=1
-        )
+    trusted = np.where(track.trusted, 1.0, np.nan)
+    for k, (angle, deviation) in enumerate(zip((track.angles * trusted).T, track.deviation.T, strict=True)):
+        colour, group = COLOURS[k % len(COLOURS)], {"mode": "lines", "legendgroup": str(k)}
+        figure.add_scatter(x=times, y=angle, name=f"angle {k + 1}", line={"color": colour}, row=1, col=1, **group)
+        thin = {"color": colour, "width": 1}
+        figure.add_scatter(x=times, y=1e3 * deviation, name="standard deviation", line=thin, row=2, col=1, **group)
     if study is not None:
         later = times >= study.split
         band = {

@@ -14,22 +14,21 @@ MOST, ROUND, VAGUE, INFLATED, UNEXPLAINED = 0.8, 0.01, 0.03, 30.0, 10.0
 covariances, and held-out error in noises of a frame."""
 
 
-def summary(track: Track, study: Study | None, driven: bool) -> dict[str, Any]:
+def summary(track: Track, study: Study | None) -> dict[str, Any]:
     """Names and values; pixels are those of the video.
 
     Args:
         track: what was followed.
         study: of a free pendulum, None for others.
-        driven: whether the mechanism has motors.
     """
-    found = track.found
     result: dict[str, Any] = {
         "frames": len(track.film),
         "seconds": float(track.film.times[-1]),
         "clock": track.film.clock,
         "width": track.film.size[0],
         "height": track.film.size[1],
-        "missing": int((~found).sum()),
+        "missing": (~track.found).sum(axis=0),
+        "trusted": track.trusted.mean(axis=0),
         "repeated_frames": track.repeated,
         "camera_travel_px": track.camera_travel,
         "pivot_px": np.median(track.pivot, axis=0),
@@ -37,6 +36,7 @@ def summary(track: Track, study: Study | None, driven: bool) -> dict[str, Any]:
         "pivot_in_view": bool(_inside(track)),
         "length_px": track.lengths,
         "length_std_px": track.length_deviation,
+        "stretched": np.nanquantile(np.abs(track.stretched), 0.95, axis=0),
         "axis_ratio": track.tilt,
         "circle_pivot_px": track.circle_pivot,
         "rods_seen": track.rods_seen,
@@ -45,11 +45,14 @@ def summary(track: Track, study: Study | None, driven: bool) -> dict[str, Any]:
         "covariance_inflation": track.inflation,
         "off_circle_px": track.off_circle,
         "turning_mrad": 1e3 * track.turning,
-        "amplitude_rad": float(np.nanquantile(track.angles[:, 0], 0.99) - np.nanquantile(track.angles[:, 0], 0.01)) / 2,
+        "amplitude_rad": np.ptp(np.nanquantile(track.angles, (0.01, 0.99), axis=0), axis=0) / 2,
     }
     result["doubts"] = doubts(track, study)
-    if driven:
+    if track.mechanism.num_actions:
         result["dissipation"] = "It cannot be determined without the torque of the motor."
+        return result
+    if track.mechanism.num_keypoints > 1:
+        result["dissipation"] = "It is determined for one rod only, not for chains."
         return result
     if study is None:
         result["dissipation"] = "It cannot be determined: the motion is no free swing of at least three periods."
@@ -59,16 +62,24 @@ def summary(track: Track, study: Study | None, driven: bool) -> dict[str, Any]:
 
 def doubts(track: Track, study: Study | None) -> list[str]:
     """What speaks against a track, in sentences; nothing if nothing does."""
-    found, length = track.found.mean(), float(track.lengths[0])
     result = []
-    if found < MOST:
-        result.append(f"The part was found in only {100 * found:.0f} % of the frames.")
-    if track.off_circle > ROUND * length:
-        result.append(f"The keypoint is {track.off_circle:.1f} px off its circle: pivot and angles may be wrong.")
-    if float(np.hypot(*track.pivot_deviation)) > VAGUE * length:
+    for k, length in enumerate(track.lengths):
+        part, keypoint = ("The part", "The keypoint") if len(track.lengths) == 1 else (f"Link {k}", f"Keypoint {k}")
+        found, trusted = track.found[:, k].mean(), track.trusted[:, k].mean()
+        if found < MOST:
+            result.append(f"{part} was found in only {100 * found:.0f} % of the frames.")
+        if trusted < MOST * found:
+            longest = 100 * np.nanquantile(np.abs(track.stretched[:, : k + 1]), 0.95)
+            result.append(
+                f"{part} can be trusted in only {100 * trusted:.0f} % of the frames: elsewhere a length is up to "
+                f"{longest:.0f} % off, because the motion leaves the picture's plane, or the track is wrong."
+            )
+        if track.off_circle[k] > ROUND * length:
+            result.append(f"{keypoint} is {track.off_circle[k]:.1f} px off its circle: pivot and angles may be wrong.")
+        if track.inflation[k] > INFLATED:
+            result.append(f"{part} scatters far more than its fit lets expect: it may have been lost at times.")
+    if float(np.hypot(*track.pivot_deviation)) > VAGUE * track.lengths[0]:
         result.append(f"The pivot is known to {np.hypot(*track.pivot_deviation):.0f} px only.")
-    if track.inflation > INFLATED:
-        result.append("The track scatters far more than its fit lets expect: it may have lost the part at times.")
     if study is not None and study.candidates[0].held_out > UNEXPLAINED * track.angle_noise[0]:
         result.append(
             f"No dissipation predicts to within noise: {1e3 * study.candidates[0].held_out:.1f} mrad are off where one "

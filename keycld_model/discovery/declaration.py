@@ -10,7 +10,7 @@ from keycld_model.discovery.charts import Points
 from keycld_model.discovery.frames import Frames
 from keycld_model.discovery.parts import Part, Placed, Pose, ground, raster
 from keycld_model.discovery.structure import PRICE, Discovery
-from keycld_model.tracking.sampling import connected, grown
+from keycld_model.sampling import connected, grown
 
 SAME = 2.0
 """Pixels; joints closer than that are at one place."""

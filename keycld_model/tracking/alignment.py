@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from keycld_model.sampling import bilinear
 from keycld_model.tracking.camera import Camera
 from keycld_model.tracking.film import Film
-from keycld_model.tracking.sampling import bilinear
 
 Array = NDArray[np.float64]
 ITERATIONS = 25
@@ -51,12 +51,14 @@ class Poses:
         values: [T, 3], turn (rad, image axes, from x to y down) and place of its origin (working pixels, reference).
         covariance: [T, 3, 3].
         misfit: [T], root mean square difference from the appearance over its scatter; about 1.
+        size: [T], robust size of the differences from the appearance, in its scatter; at least 1.
         seen: [T], the share of the part, by information, that is in the picture and not covered.
     """
 
     values: Array
     covariance: Array
     misfit: Array
+    size: Array
     seen: Array
 
 
@@ -144,7 +146,7 @@ class Aligner:
         self.jacobian = np.stack([-gx * y + gy * x, gx, gy, np.ones(len(x)), contrast], axis=1)
         self.reach = max(1.0, float(np.sqrt((look.points**2).sum(axis=1).mean())))
 
-    def align(self, t: int, start: Array, turned: float) -> tuple[Array, Array, float, float]:
+    def align(self, t: int, start: Array, turned: float) -> tuple[Array, Array, float, float, float]:
         """The pose in frame t.
 
         Args:
@@ -153,7 +155,7 @@ class Aligner:
             turned: rad, the turn that is expected, within `SWAY`: a round bob does not show how it is turned.
 
         Returns:
-            pose [3], covariance [3, 3], misfit, and the share that is seen; as the attributes of `Poses`.
+            pose [3], covariance [3, 3], misfit, size, and the share that is seen; as the attributes of `Poses`.
         """
         pose = start.copy()
         light = np.zeros(2)
@@ -161,7 +163,7 @@ class Aligner:
         for _ in range(ITERATIONS):
             error, there = self._error(t, pose, light)
             if there.sum() < 20:
-                return start, np.full((3, 3), np.nan), np.inf, 0.0
+                return start, np.full((3, 3), np.nan), np.inf, np.inf, 0.0
             weight = self._weight(error, there)
             weighted = self.jacobian * weight[:, None]
             normal = (
@@ -178,13 +180,14 @@ class Aligner:
         weight = self._weight(error, there)
         normal = (self.jacobian * weight[:, None]).T @ self.jacobian + 1e-12 * np.eye(5) + prior
         full = (self.jacobian[:, 1:3] ** 2 * self.look.precision[:, None]).sum()
-        seen = float((self.jacobian[:, 1:3] ** 2 * weight[:, None]).sum() / full)
+        size = self._size(error, there)
+        seen = float((self.jacobian[:, 1:3] ** 2 * weight[:, None]).sum() * size**2 / full)
         scaled = np.where(there, error, 0) ** 2 * self.look.precision
         misfit = float(np.sqrt(scaled.sum() / max(1, there.sum())))
         local = np.linalg.inv(normal)[:3, :3]
         carry = np.eye(3)
         carry[1:, 1:] = turn(pose[0])
-        return pose, carry @ local @ carry.T, misfit, seen
+        return pose, carry @ local @ carry.T, misfit, size, seen
 
     def cost(self, t: int, pose: Array) -> float:
         """Robust mean misfit at a pose, without fitting."""
@@ -214,9 +217,13 @@ class Aligner:
 
     def _weight(self, error: Array, there: NDArray[np.bool_]) -> Array:
         scaled = np.where(there, error, 0) * np.sqrt(self.look.precision)
-        size = max(1.0, 1.4826 * float(np.median(np.abs(scaled[there]))))
+        size = self._size(error, there)
         robust = np.clip(1 - (scaled / (TUKEY * size)) ** 2, 0, None) ** 2
         return np.where(there, robust * self.look.precision / size**2, 0)
+
+    def _size(self, error: Array, there: NDArray[np.bool_]) -> float:
+        """Robust size of errors that are there, in their usual scatter."""
+        return max(1.0, 1.4826 * float(np.median(np.abs(error[there]) * np.sqrt(self.look.precision[there]))))
 
     @staticmethod
     def _compose(pose: Array, step: Array) -> Array:

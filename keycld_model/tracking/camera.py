@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from keycld_envs.progress import Advance
-from keycld_model.tracking.sampling import bilinear, grid
+from keycld_model.sampling import bilinear, grid
 
 Array = NDArray[np.float64]
 ITERATIONS = 10

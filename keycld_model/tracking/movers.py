@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from keycld_envs.progress import Advance
+from keycld_model.sampling import bilinear, connected, grid
 from keycld_model.tracking.camera import Camera
 from keycld_model.tracking.film import Film
-from keycld_model.tracking.sampling import bilinear, connected, grid
 
 Array = NDArray[np.float64]
 CONTRAST = 5.0
@@ -53,7 +53,7 @@ def find_blobs(film: Film, camera: Camera, background: Array, area: tuple[slice,
     """
     rows, columns = area
     points = grid(*background.shape) + np.array([columns.start, rows.start], float)
-    noise = _noise(film, camera, background, points)
+    noise = background_noise(film, camera, background, points)
     centres = np.full((len(film), MOST, 2), np.nan)
     energy = np.zeros((len(film), MOST))
     step = max(1, round(max(background.shape) / SIDE))
@@ -84,7 +84,7 @@ def difference(film: Film, camera: Camera, background: Array, points: Array, t: 
     return np.nan_to_num(np.abs(away - light))
 
 
-def _noise(film: Film, camera: Camera, background: Array, points: Array) -> float:
+def background_noise(film: Film, camera: Camera, background: Array, points: Array) -> float:
     """Robust scatter of frames about the background."""
     some = range(0, len(film), max(1, len(film) // 16))
     return float(np.median([1.4826 * np.median(difference(film, camera, background, points, t)) for t in some])) + 0.3

@@ -28,7 +28,9 @@ class Pivot:
     off: float
 
 
-def fit_pivot(points: Array, covariance: Array, turns: Array, turn_variance: Array, start: Array) -> Pivot:
+def fit_pivot(
+    points: Array, covariance: Array, turns: Array, turn_variance: Array, start: Array, marked: tuple[Array, float]
+) -> Pivot:
     """Fit the circle to places and turns of a part together.
 
     The keypoint stays at one distance of the pivot, and the part turns by as much as the keypoint goes round. Turns
@@ -40,6 +42,7 @@ def fit_pivot(points: Array, covariance: Array, turns: Array, turn_variance: Arr
         turns: [T], rad.
         turn_variance: [T].
         start: [2], near the pivot.
+        marked: [2], where somebody marked it, and by how much that may be off, pixels; inf if nobody did.
     """
     sway, scale = 0.05, 1.0
 
@@ -56,7 +59,8 @@ def fit_pivot(points: Array, covariance: Array, turns: Array, turn_variance: Arr
 
     def residuals(p: Array) -> Array:
         off, along, around, turning = parts(p)
-        return np.concatenate([off / np.sqrt(along * scale + 1e-6), around / np.sqrt(turning + sway**2)])
+        moved = (p[:2] - marked[0]) / marked[1]
+        return np.concatenate([off / np.sqrt(along * scale + 1e-6), around / np.sqrt(turning + sway**2), moved])
 
     away = points - start
     offset = np.angle(np.mean(np.exp(1j * (np.arctan2(away[:, 1], away[:, 0]) - turns))))

@@ -1,12 +1,14 @@
 """The region that a moving part fills, and the point of it that is its keypoint."""
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from keycld_envs.errors import InputError
+from keycld_model.sampling import bilinear, connected, depth, grid, grown
 from keycld_model.tracking.alignment import Shape, View, place
-from keycld_model.tracking.sampling import bilinear, connected, depth, grid, grown
 
 Array = NDArray[np.float64]
 OFTEN = 0.6
@@ -16,9 +18,18 @@ RIM = 3
 
 
 def find_shape(
-    view: View, frames: NDArray[np.intp], poses: Array, background: Array, threshold: float, reach: int
+    view: View,
+    frames: NDArray[np.intp],
+    poses: Array,
+    background: Array,
+    threshold: float,
+    reach: int,
+    rods: Array,
+    own: int,
 ) -> Shape:
     """Pixels that move with the part: in its coordinates, they differ from the background in most frames.
+
+    Where there are several rods, only pixels count to which the part's own rod is the nearest in most frames.
 
     Args:
         view: the frames.
@@ -27,21 +38,24 @@ def find_shape(
         background: [h, w] of the picture, in coordinates of the reference.
         threshold: grey levels of a difference.
         reach: half a side of the region that is searched, working pixels.
+        rods: [T, K + 1, 2], ends of all rods of the chain, from the pivot on, in the reference picture.
+        own: index of the part's rod.
 
     Raises:
         InputError: if no pixel does.
     """
     points = grid(2 * reach + 1, 2 * reach + 1) - reach
     origin = np.array([view.area[1].start, view.area[0].start], float)
-    differs, known = np.zeros(points.shape[:2]), np.zeros(points.shape[:2])
+    differs, known, nearest = (np.zeros(points.shape[:2]) for _ in range(3))
     for t in frames:
         where = place(poses[t], points)
+        nearest += nearest_rod(where, rods[t]) == own
         away = view(t, where) - bilinear(background, where - origin)
         away -= np.nanmedian(away) if np.isfinite(away).any() else 0
         there = np.isfinite(away)
         known += there
         differs += there & (np.abs(np.where(there, away, 0)) > threshold)
-    mask = (differs > OFTEN * known) & (known >= max(3, 0.25 * len(frames)))
+    mask = (differs > OFTEN * known) & (known >= max(3, 0.25 * len(frames))) & (nearest > 0.5 * len(frames))
     labels, number = connected(mask)
     if not number:
         raise InputError(
@@ -54,6 +68,21 @@ def find_shape(
     cut = slice(max(0, rows.min()), rows.max() + 1), slice(max(0, columns.min()), columns.max() + 1)
     mask = mask[cut]
     return Shape(points[cut], mask, grown(mask, RIM))
+
+
+def nearest_rod(points: Array, ends: Array) -> NDArray[np.intp]:
+    """Index of the rod that is nearest to each point.
+
+    Args:
+        points: [..., 2].
+        ends: [K + 1, 2], of the K rods of a chain.
+    """
+    distances = []
+    for start, end in pairwise(ends):
+        along = end - start
+        share = np.clip((points - start) @ along / max(float(along @ along), 1e-9), 0, 1)
+        distances.append(np.linalg.norm(points - start - share[..., None] * along, axis=-1))
+    return np.argmin(distances, axis=0)
 
 
 def thickest(shape: Shape, away_from: Array | None = None) -> tuple[Array, float]:

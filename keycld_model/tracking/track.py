@@ -1,20 +1,21 @@
 """A video's mechanism followed from frame to frame: keypoints, pivot and angles, with their uncertainty."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
-from keycld_envs.mechanism import Mechanism
+from keycld_envs.mechanism import Mechanism, Rod
 from keycld_envs.progress import Advance
 from keycld_model.tracking.camera import Camera, camera_motion, picture_area
+from keycld_model.tracking.chain import Part, follow
 from keycld_model.tracking.film import Film, read_film
 from keycld_model.tracking.pivot import Pivot
 from keycld_model.tracking.rod import find_rods, meeting_point
 from keycld_model.tracking.scatter import scatter
-from keycld_model.tracking.single import Part, follow
+from keycld_model.tracking.starts import from_circle, from_points
 from keycld_model.tracking.tilt import Tilt, fit_tilt
 
 Array = NDArray[np.float64]
@@ -22,6 +23,10 @@ SAME = 0.03
 """Radii by which the circle's centre and the meeting point of the rods may differ where the plane is parallel."""
 FLATTEST = 0.6
 """Ratio of axes below which an ellipse is not believed."""
+LENGTHENED = 0.03
+"""Share of its length by which a rod may differ from it in a frame: one that leaves the plane of motion by 14° does."""
+MARKS_APART = 4.0
+"""Pixels between the ends of a rod that are marked in a frame, at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,20 +41,23 @@ class Track:
         keypoints: [T, K, 2], pixels; NaN where a keypoint was not found.
         covariance: [T, K, 2, 2], pixels².
         pivot: [T, 2], pixels; it moves in the frames as far as the camera does.
-        angles: [T, K], rad: of the first rod, counter-clockwise from the picture's downward direction; unwrapped.
+        angles: [T, K], rad, counter-clockwise and unwrapped: of the first rod from the picture's downward direction, of
+            each other rod from the direction of the one before.
         deviation: [T, K], rad, standard deviations of `angles`.
         lengths: [K], pixels, of the rods in the picture, at the middle of the motion.
         length_deviation: [K], pixels.
         pivot_deviation: [2], pixels.
+        stretched: [T, K], by what each rod is longer in a frame than its length, relative to it: 0 for motion in one
+            plane that is followed rightly.
         noise: [K, 2], pixels: scatter of column and row about smooth motion.
         angle_noise: [K], rad.
-        inflation: by which the covariances of the fit were multiplied to match that scatter.
-        turning: rad, by which the part turns otherwise than its rod.
-        off_circle: pixels, root mean square distance of the keypoint from its circle.
+        inflation: [K], by which the covariances of the fit were multiplied to match that scatter.
+        turning: [K], rad, by which each part turns otherwise than its rod.
+        off_circle: [K], pixels, root mean square distance of each keypoint from its circle about what it hangs on.
         camera_travel: pixels, the largest way of a corner of the picture; 0 for a camera at rest.
-        tilt: shorter over longer axis of the ellipse on which the keypoint moves, where the plane of motion is not
-            parallel to the picture; 1 where it is, or no rod is seen that could tell.
-        spokes: [2, 2], pixels: of the direction (sin, cos) of an angle, the way from the pivot to the keypoint.
+        tilt: shorter over longer axis of the ellipse on which the first keypoint moves, where the plane of motion is
+            not parallel to the picture; 1 where it is, for chains, or if no rod is seen that could tell.
+        spokes: [2, 2], pixels: of the direction (sin, cos) of an angle, the way from the pivot to the first keypoint.
         circle_pivot: [2], pixels, the pivot if the motion were a circle in the picture.
         rods_seen: frames in which the direction of the rod was measured.
         repeated: number of frames that copy the one before during motion, which count as missing.
@@ -65,11 +73,12 @@ class Track:
     lengths: Array
     length_deviation: Array
     pivot_deviation: Array
+    stretched: Array
     noise: Array
     angle_noise: Array
-    inflation: float
-    turning: float
-    off_circle: float
+    inflation: Array
+    turning: Array
+    off_circle: Array
     camera_travel: float
     tilt: float
     spokes: Array
@@ -78,7 +87,7 @@ class Track:
     repeated: int
 
     def pixel(self, t: int, angle: float) -> Array:
-        """Where the keypoint would be in frame t at an angle, rad; [2], pixels."""
+        """Where the first keypoint would be in frame t at an angle, rad; [2], pixels."""
         return self.pivot[t] + self.spokes @ np.array([np.sin(angle), np.cos(angle)])
 
     @property
@@ -86,10 +95,16 @@ class Track:
         """[T, K], whether each keypoint was found."""
         return np.isfinite(self.keypoints[..., 0])
 
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """[T, K], whether each angle is known, and its rods have the lengths that they have in the plane of motion."""
+        straight = np.abs(self.stretched) < LENGTHENED
+        return straight & np.column_stack([np.ones(len(straight), bool), straight[:, :-1]])
 
-def steps(film: Film) -> int:
+
+def steps(film: Film, mechanism: Mechanism) -> int:
     """Steps of the progress bar of `track`."""
-    return 6 * len(film)
+    return (4 + 2 * len(mechanism.rods)) * len(film)
 
 
 def read(path: Path, mechanism: Mechanism, fps: float | None = None) -> Film:
@@ -98,48 +113,92 @@ def read(path: Path, mechanism: Mechanism, fps: float | None = None) -> Film:
     Raises:
         InputError: as `keycld_model.tracking.film.read_film`, and for a mechanism that cannot.
     """
-    if (
-        mechanism.sliders
-        or len(mechanism.rods) != 1
-        or mechanism.num_keypoints != 1
-        or mechanism.rods[0].start is not None
-    ):
+    count = mechanism.num_keypoints
+    chain = [Rod(k - 1 if k else None, k) for k in range(count)]
+    if mechanism.sliders or list(mechanism.rods) != chain:
         raise InputError(
-            "--mechanism: only one keypoint on one rod from the pivot can be followed in a video so far; declare "
-            "Mechanism(num_keypoints=1, num_actions=0, rods=(Rod(None, 0),))."
+            "--mechanism: only a chain can be followed in a video so far, a rod from the pivot to keypoint 0, then "
+            f"from each keypoint to the next; declare Mechanism({count}, ..., rods=({', '.join(map(_words, chain))},))."
         )
     return read_film(path, fps)
 
 
-def track(film: Film, mechanism: Mechanism, seed: int, advance: Advance) -> Track:
+def _words(rod: Rod) -> str:
+    return f"Rod({rod.start}, {rod.end})"
+
+
+def check_marks(film: Film, mechanism: Mechanism, marks: Array | None, frame: int) -> None:
+    """Refuse marks that cannot be pivot and keypoints in a frame.
+
+    Args:
+        film: the video.
+        mechanism: a chain of K rods.
+        marks: [n, 2], pixels; None if nothing was marked.
+        frame: the index.
+
+    Raises:
+        InputError: if there are too few or too many, or they are not in the picture.
+    """
+    count = mechanism.num_keypoints
+    if marks is None:
+        if count > 1:
+            raise InputError(
+                f"--marks: mark the pivot and {count} keypoints in one frame, as {count + 1} pairs of column and row "
+                "in pixels; only one rod alone can be found without."
+            )
+        return
+    if len(marks) != count + 1:
+        raise InputError(f"--marks has {len(marks)} pairs; it needs {count + 1}: the pivot, then {count} keypoints.")
+    if not 0 <= frame < len(film):
+        raise InputError(f"--frame is {frame}; {film.path} has frames 0 to {len(film) - 1}.")
+    if not ((marks[1:] >= 0) & (marks[1:] < film.size)).all():
+        width, height = film.size
+        raise InputError(f"--marks: a keypoint is outside the picture of {width} by {height} pixels.")
+    if np.linalg.norm(np.diff(marks, axis=0), axis=1).min() < MARKS_APART:
+        raise InputError(f"--marks: two ends of a rod are less than {MARKS_APART:.0f} pixels apart; mark both ends.")
+
+
+def track(
+    film: Film, mechanism: Mechanism, seed: int, advance: Advance, marks: Array | None = None, frame: int = 0
+) -> Track:
     """Follow a mechanism through a video.
 
     Args:
         film: the video, by `read`.
-        mechanism: one rod from the pivot to a keypoint.
+        mechanism: a chain of K rods from the pivot.
         seed: of the random search for what turns about a pivot.
-        advance: a progress bar of `steps(film)` steps.
+        advance: a progress bar of `steps(film, mechanism)` steps.
+        marks: [K + 1, 2], pixels, pivot and keypoints in one frame; the pivot may be outside the picture. One rod needs
+            none.
+        frame: the index of that frame.
 
     Raises:
-        InputError: if nothing in the video moves as the mechanism can.
+        InputError: if nothing in the video moves as the mechanism can, or as `check_marks`.
     """
+    check_marks(film, mechanism, marks, frame)
     area = picture_area(film.pixels)
     camera = camera_motion(film.pixels, area, advance)
-    part, circle = follow(film, camera, area, seed, advance)
-    places, covariance = part.places(part.keypoint)
-    copies = _copies(film, places)
-    missing = ~part.seen | copies
-    places = np.where(missing[:, None], np.nan, places)
-    rods = find_rods(film, camera, area, places, circle.centre, part.thickness)
-    pivot, tilt = _tilted(places, circle, meeting_point(places, rods))
-    found = _Found(part, circle, pivot, tilt, len(rods.frames), copies)
-    return _assemble(film, mechanism, camera, found, places, np.where(missing[:, None, None], np.nan, covariance))
+    if marks is None:
+        start = from_circle(film, camera, area, seed, advance)
+    else:
+        start = from_points(film, camera, area, marks, frame, advance)
+    parts, circles = follow(film, camera, area, start, advance)
+    places = np.stack([part.places(part.keypoint)[0] for part in parts], axis=1)
+    copies = _copies(film, places[:, -1])
+    missing = ~np.stack([part.seen for part in parts], axis=1) | copies[:, None]
+    places = np.where(missing[..., None], np.nan, places)
+    found = _Found(parts, circles, circles[0], None, 0, copies)
+    if len(parts) == 1:  # the links of a chain are thick, and lines along their edges do not meet at the pivot
+        rods = find_rods(film, camera, area, places[:, 0], circles[0].centre, parts[0].thickness)
+        pivot, tilt = _tilted(places[:, 0], circles[0], meeting_point(places[:, 0], rods))
+        found = replace(found, pivot=pivot, tilt=tilt, rods_seen=len(rods.frames))
+    return _assemble(film, mechanism, camera, found, places)
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    part: Part
-    circle: Pivot
+    parts: list[Part]
+    circles: list[Pivot]
     pivot: Pivot
     tilt: Tilt | None
     rods_seen: int
@@ -166,51 +225,78 @@ def _tilted(places: Array, circle: Pivot, meeting: tuple[Array, Array, float] | 
     return Pivot(centre, radius, np.array([*deviation, along]), circle.turning, tilt.off), tilt
 
 
-def _assemble(
-    film: Film, mechanism: Mechanism, camera: Camera, found: _Found, places: Array, covariance: Array
-) -> Track:
+def _assemble(film: Film, mechanism: Mechanism, camera: Camera, found: _Found, places: Array) -> Track:
     """Everything in pixels of the video, calibrated."""
     pivot = found.pivot
+    pivots = [pivot, *found.circles[1:]]
     stretch = np.eye(2) if found.tilt is None else found.tilt.stretch
     radius = pivot.radius if found.tilt is None else found.tilt.radius
     spokes = float(radius) * np.asarray(np.linalg.inv(stretch), float)
-    noise = np.array([scatter(film.times, column)[1] for column in places.T])
-    expected = np.nanmedian(np.einsum("tii->ti", covariance), axis=0)
-    measured = np.nan_to_num(noise) ** 2
-    inflation = max(1e-3, float((measured / expected).mean())) if measured.any() else 1.0
-    covariance = covariance * inflation
-    away = (places - pivot.centre) @ stretch.T
-    distance = np.linalg.norm(away, axis=1)
-    tangent = np.stack([-away[:, 1], away[:, 0]], axis=1) @ stretch / distance[:, None]
-    deviation = np.sqrt(np.einsum("ti,tij,tj->t", tangent, covariance, tangent)) / distance
-    angles = _unwrapped(np.arctan2(away[:, 0], away[:, 1]), film.times)
+    noise = np.array([[scatter(film.times, column)[1] for column in place.T] for place in np.swapaxes(places, 0, 1)])
+    covariance = np.stack([part.places(part.keypoint)[1] for part in found.parts], axis=1)
+    covariance = np.where(np.isfinite(places)[..., None], covariance, np.nan)
+    expected = np.nanmedian(np.einsum("tkii->tki", covariance), axis=0)
+    inflation = np.array([_inflation(np.nan_to_num(n) ** 2, e) for n, e in zip(noise, expected, strict=True)])
+    covariance = covariance * inflation[:, None, None]
+    ends = np.concatenate([np.broadcast_to(pivot.centre, (len(places), 1, 2)), places], axis=1)
+    away = np.diff(ends, axis=1) @ stretch.T
+    distance = np.linalg.norm(away, axis=-1)
+    directions = np.arctan2(away[..., 0], away[..., 1])
+    angles = np.diff(directions, axis=1, prepend=0)
+    angles = np.stack([_unwrapped(np.angle(np.exp(1j * angle)), film.times) for angle in angles.T], axis=1)
+    tangent = np.stack([-away[..., 1], away[..., 0]], axis=-1) @ stretch / distance[..., None] ** 2
+    usual = np.array([radius, *np.nanmedian(distance[:, 1:], axis=0)])
     centres = np.array([camera.to_frame(t, pivot.centre) for t in range(len(film))])
     in_frames = np.array([camera.to_frame(t, p) for t, p in enumerate(places)])
-    covariance = np.einsum("tij,tjk,tlk->til", camera.linear, covariance, camera.linear)
+    carried = np.einsum("tij,tkjl,tml->tkim", camera.linear, covariance, camera.linear)
     s = film.scale
     return Track(
         film=film,
         mechanism=mechanism,
-        keypoints=film.to_video(in_frames)[:, None],
-        covariance=s**2 * covariance[:, None],
+        keypoints=film.to_video(in_frames),
+        covariance=s**2 * carried,
         pivot=film.to_video(centres),
-        angles=angles[:, None],
-        deviation=deviation[:, None],
-        lengths=s * np.array([pivot.radius]),
-        length_deviation=s * pivot.deviation[2:],
+        angles=angles,
+        deviation=_deviation(tangent, covariance),
+        lengths=s * np.array([each.radius for each in pivots]),
+        length_deviation=s * np.array([each.deviation[2] for each in pivots]),
         pivot_deviation=s * pivot.deviation[:2],
-        noise=s * noise[None],
-        angle_noise=np.array([scatter(film.times, angles)[1]]),
+        stretched=distance / usual - 1,
+        noise=s * noise,
+        angle_noise=np.array([scatter(film.times, angle)[1] for angle in angles.T]),
         inflation=inflation,
-        turning=pivot.turning,
-        off_circle=s * pivot.off,
+        turning=np.array([each.turning for each in pivots]),
+        off_circle=s * np.array([each.off for each in pivots]),
         camera_travel=s * float(camera.travel.max()) if camera.moves else 0.0,
         tilt=1.0 if found.tilt is None else found.tilt.ratio,
         spokes=s * spokes,
-        circle_pivot=film.to_video(found.circle.centre),
+        circle_pivot=film.to_video(found.circles[0].centre),
         rods_seen=found.rods_seen,
         repeated=int(found.copies.sum()),
     )
+
+
+def _inflation(measured: Array, expected: Array) -> float:
+    """What multiplies a covariance, given variances of column and row [2] as measured and as expected, pixels²."""
+    return max(1e-3, float((measured / expected).mean())) if measured.any() else 1.0
+
+
+def _deviation(tangent: Array, covariance: Array) -> Array:
+    """Standard deviations of all angles, [T, K], rad.
+
+    Args:
+        tangent: [T, K, 2], rad per working pixel: what each rod turns by if its end moves, and minus that if its start
+            does.
+        covariance: [T, K, 2, 2], of the keypoints, working pixels².
+    """
+    count = tangent.shape[1]
+    turns = np.zeros((len(tangent), count + 1, count + 1, 2))  # of rod, counted from 1, if an end moves, 0 the pivot
+    for k in range(count):
+        turns[:, k + 1, k + 1], turns[:, k + 1, k] = tangent[:, k], -tangent[:, k]
+    by = np.diff(turns, axis=1)[:, :, 1:]
+    held = np.asarray(by.any(axis=(0, -1)))
+    covariance = np.where(held[..., None, None], covariance[:, None], 0)
+    return np.sqrt(np.einsum("tjki,tjkil,tjkl->tj", by, covariance, by))
 
 
 def _unwrapped(angles: Array, times: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from keycld_control.cli import main
-from keycld_envs import make, resolve_env_id
+from keycld_envs import KeyCLDEnv, make, resolve_env_id
 from keycld_envs.collect import CollectSettings, record_episode
 from keycld_envs.effects import ViscousFriction
 from keycld_envs.errors import InputError
@@ -28,6 +28,7 @@ def filmed(system, effects=(), number=6, frames=100, seed=0):
     """Recordings of the frames and commands of an environment, and its true positions."""
     settings = CollectSettings(resolve_env_id(system), frames, "piecewise", action_range=1.0, seed=seed)
     env = make(settings.env_id, disable_env_checker=True, effects=tuple(effects)).unwrapped
+    assert isinstance(env, KeyCLDEnv)
     with closing(env):
         runs = [record_episode(env, settings, index) for index in range(number)]
     blind = [replace(r, qpos=None, qvel=None, t_state=None, joint_names=()) for r in runs]
@@ -105,7 +106,7 @@ def test_friction_is_named_from_images_and_the_model_given_it(tmp_path, capsys):
 def test_frames_of_another_scene_name_no_physics():
     runs, _ = filmed("pendulum", number=3, frames=20)
     rng = np.random.default_rng(0)
-    other = [replace(r, frames=rng.integers(0, 255, np.shape(r.frames), dtype=np.uint8)) for r in runs]
+    other = [replace(r, frames=rng.integers(0, 255, np.asarray(r.frames).shape, dtype=np.uint8)) for r in runs]
     report = diagnose_by_world_model(other, WorldModel.load("pendulum"))
     assert report.verdict == "undetermined" and not report.findings
     assert "the frames" in report.headline

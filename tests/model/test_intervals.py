@@ -108,7 +108,7 @@ def test_a_checkpoint_keeps_uncertainties_and_one_without_says_how_to_get_them(t
 
 def recorded(folder, system):
     """A data set of three recordings of images in which nothing is, of a pendulum with one motor."""
-    clock = CONFIG.timestep * np.arange(12)
+    clock = np.asarray(CONFIG.timestep * np.arange(12), np.float64)
     for name in "abc":
         recording = Recording(
             id=name,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import draw_pendulum, nothing, swing
+from scenes import draw_chain, draw_pendulum, nothing, swing
 
 from keycld_control.cli import main
 from keycld_envs import Mechanism, Rod
@@ -16,6 +16,7 @@ PENDULUM = Mechanism(num_keypoints=1, num_actions=0, rods=(Rod(None, 0),))
 
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "apple_pendulum.py"
+TWO_LINKS = Mechanism(num_keypoints=2, num_actions=0, rods=(Rod(None, 0), Rod(0, 1)))
 DOUBLE = "from keycld_envs import Mechanism, Rod\nmechanism = Mechanism(2, 0, rods=(Rod(None, 0), Rod(0, 1)))"
 
 
@@ -38,6 +39,31 @@ def test_places_and_angles_of_a_pendulum_whose_pivot_is_out_of_view(tmp_path):
     assert abs(found.lengths[0] / length - 1) < 0.02
     assert np.nanstd(found.angles[:, 0] - angles) < 0.005
     assert abs(np.nanmean(found.angles[:, 0] - angles)) < 0.01
+
+
+@pytest.mark.slow
+def test_angles_and_lengths_of_a_double_pendulum(tmp_path):
+    ends, angles = draw_chain(tmp_path / "a.mp4", 2.0, (1280, 720), hidden=slice(40, 45))
+    marks = np.rint(ends[10] + [[2, -1], [-1, 1], [1, 2]])
+    found = track(read(tmp_path / "a.mp4", TWO_LINKS), TWO_LINKS, 0, nothing, marks, 10)
+    seen = np.r_[:40, 45:60]
+    assert not found.found[40:45, 1].any() and found.found[seen].mean() > 0.9 and found.found[:, 0].mean() > 0.9
+    assert np.abs(np.nanmean(found.keypoints - ends[:, 1:], axis=0)).max() < 2
+    lengths = np.linalg.norm(np.diff(ends[0], axis=0), axis=1)
+    assert np.abs(found.lengths / lengths - 1).max() < 0.025
+    error = np.sqrt(np.nanmean((found.angles - angles) ** 2, axis=0))
+    assert error.max() < 0.01
+    claimed = error / np.nanmedian(found.deviation, axis=0)
+    assert ((claimed > 0.2) & (claimed < 4)).all()
+    assert found.trusted[seen].mean() > 0.85
+
+
+@pytest.mark.slow
+def test_a_link_that_leaves_the_plane_is_not_trusted(tmp_path):
+    ends, _ = draw_chain(tmp_path / "a.mp4", 2.5, (640, 360), leaning=slice(45, 60))
+    found = track(read(tmp_path / "a.mp4", TWO_LINKS), TWO_LINKS, 0, nothing, ends[0], 0)
+    assert found.trusted[45:60, 1].mean() < 0.2
+    assert found.trusted[:45].mean() > 0.9 and found.trusted[:, 0].mean() > 0.9
 
 
 @pytest.mark.slow
@@ -102,7 +128,7 @@ def test_a_still_video_is_refused(tmp_path, capsys):
         ("mechanism = 3", "int"),
         ("import nothing_of_the_kind", "ModuleNotFoundError"),
         (
-            "from keycld_envs import Mechanism, Rod\nmechanism = Mechanism(2, 0, rods=(Rod(None, 0), Rod(0, 1)))",
+            "from keycld_envs import Mechanism, Rod\nmechanism = Mechanism(2, 0, rods=(Rod(None, 0), Rod(None, 1)))",
             "keypoint",
         ),
     ],
@@ -111,5 +137,25 @@ def test_mechanism_files_that_cannot_be_used(tmp_path, capsys, text, names):
     (tmp_path / "m.py").write_text(text)
     (tmp_path / "a.mp4").write_bytes(b"")
     code = run(tmp_path / "a.mp4", tmp_path / "m.py")
+    message = capsys.readouterr().err
+    assert code == 2 and names in message and len(message.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        ([], "3 pairs"),
+        (["--marks", "10", "10", "20", "20"], "it needs 3"),
+        (["--marks", "10", "10", "20", "20", "20", "22"], "apart"),
+        (["--marks", "10", "10", "20", "20", "500", "22"], "outside"),
+        (["--marks", "10", "10", "20", "20", "30", "22", "--frame", "99"], "--frame"),
+    ],
+)
+def test_marks_that_cannot_be_used(tmp_path, capsys, words, names):
+    draw_pendulum(tmp_path / "a.mp4", swing(np.arange(20) / 30), (96, 64), np.array([48.0, 0.0]), 45.0)
+    (tmp_path / "m.py").write_text(DOUBLE)
+    code = main(
+        ["track", str(tmp_path / "a.mp4"), "--mechanism", str(tmp_path / "m.py"), "--out", str(tmp_path / "o"), *words]
+    )
     message = capsys.readouterr().err
     assert code == 2 and names in message and len(message.strip().splitlines()) == 1
