@@ -9,7 +9,9 @@ gravity, body by body, makes up the difference. Networks may bend V and g beyond
 at joints can do; how much of both is left out is told.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +78,11 @@ class LearnedMjcf:
     of_potential: float
     of_inputs: float
 
+    @cached_property
+    def model(self) -> mujoco.MjModel:
+        """The document, compiled."""
+        return mujoco.MjModel.from_xml_string(self.xml)
+
 
 def learned_mjcf(model: LearnedSystem, of_system: bool = False) -> LearnedMjcf:
     """What a world model has learned, as a mechanism that MuJoCo simulates.
@@ -120,23 +127,27 @@ def learned_mjcf(model: LearnedSystem, of_system: bool = False) -> LearnedMjcf:
     return LearnedMjcf(spec.to_xml(), joints, units, of_potential, of_inputs)
 
 
-def places_of(model: LearnedSystem, document: LearnedMjcf, keypoints: Floats) -> Floats:
-    """Joint positions `[..., J]` of a model's document for keypoints `[..., K, 2]`, those that its constraints allow.
+def places_of(model: LearnedSystem, document: LearnedMjcf) -> Callable[[Floats], Floats]:
+    """Joint positions `[..., J]` of a model's document, as a function of keypoints `[..., K, 2]`.
 
-    Angles are in [-pi, pi) about their zeros.
+    They are those that the model's constraints allow; angles are in [-pi, pi) about their zeros.
     """
-    points = model.parts.lagrangian(model.parameters).points
+    points, units = model.parts.lagrangian(model.parameters).points, document.units
     indices = [_index(model.mechanism, holder) for _, holder in _holders(model.mechanism)]
+    slides = np.array([index >= len(model.mechanism.rods) for index in indices])
 
-    def one(x: Array) -> Array:
+    @jax.jit
+    @jax.vmap
+    def allowed(x: Array) -> Array:
         x, _ = points.project(x, jnp.zeros_like(x), 3)
         return measured(model.mechanism, points.pivot, x)
 
-    flat = jnp.asarray(keypoints, jnp.float32).reshape(-1, 2 * model.mechanism.num_keypoints)
-    found = np.asarray(jax.jit(jax.vmap(one))(flat), float)[:, indices].reshape(*np.shape(keypoints)[:-2], -1)
-    slides = np.array([index >= len(model.mechanism.rods) for index in indices])
-    units = document.units
-    return np.where(slides, units.metre * found, wrapped(found)) * units.senses + units.zeros
+    def places(keypoints: Floats) -> Floats:
+        flat = jnp.asarray(keypoints, jnp.float32).reshape(-1, 2 * model.mechanism.num_keypoints)
+        found = np.asarray(allowed(flat), float)[:, indices].reshape(*np.shape(keypoints)[:-2], -1)
+        return np.where(slides, units.metre * found, wrapped(found)) * units.senses + units.zeros
+
+    return places
 
 
 def _holders(mechanism: Mechanism) -> list[tuple[int, Rod | Slider]]:

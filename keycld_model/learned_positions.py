@@ -12,6 +12,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
 from keycld_model.image_alignment import Positions
+from keycld_model.image_alignment.films import frame_times
 from keycld_model.image_alignment.pose import explained_share
 from keycld_model.image_alignment.positions import TRUSTED
 from keycld_model.joints import wrapped
@@ -41,25 +42,25 @@ def learned_positions(recordings: Sequence[Recording], model: WorldModel, docume
     films = [_frames(recording, model) for recording in recordings]
     every = np.concatenate([film[:: max(1, len(film) * len(films) // STILLS)] for film in films])
     still = np.median(every, axis=0).astype(np.float32)
+    places, early = places_of(model, document), _early(model)
+    turns = document.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
     out, explained, again = [], [], []
-    simulator = mujoco.MjModel.from_xml_string(document.xml)
-    turns = simulator.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
     with progress("Reading positions off images", total=sum(map(len, films))) as advance:
         for recording, film in zip(recordings, films, strict=True):
             keypoints = model.keypoints(film)
-            q, drawn = places_of(model, document, keypoints), model.render(keypoints)
+            q, drawn = np.asarray(places(keypoints), np.float64), model.render(keypoints)
             shares = np.array(
                 [explained_share(f.astype(np.float32), 255 * d, still) for f, d in zip(film, drawn, strict=True)]
             )
-            error = places_of(model, document, model.keypoints(drawn.clip(0.0, 1.0))) - q
-            again.append(np.where(turns, wrapped(error), error)[shares >= TRUSTED])
+            readable = shares >= TRUSTED
+            error = places(model.keypoints(drawn.clip(0.0, 1.0))) - q
+            again.append(np.where(turns, wrapped(error), error)[readable])
             explained.append(shares)
-            out.append(
-                _with_positions(recording, model, document, simulator, np.where(shares[:, None] >= TRUSTED, q, np.nan))
-            )
+            q[~readable] = np.nan
+            out.append(_with_positions(recording, document, q, turns, early))
             advance(len(film))
     errors = np.concatenate(again)
-    error = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(simulator.nq, np.nan)
+    error = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(len(turns), np.nan)
     return Positions(
         recordings=tuple(out),
         deviation=tuple(np.broadcast_to(error, np.shape(r.qpos)) for r in out),
@@ -77,10 +78,7 @@ def learned_positions(recordings: Sequence[Recording], model: WorldModel, docume
 def _frames(recording: Recording, model: WorldModel) -> NDArray[np.uint8]:
     """`[T, H, W, 3]`."""
     height, width = model.image_shape
-    if recording.t_frame is None or recording.num_frames < 2:
-        raise InputError(
-            f"Recording {recording.id!r} has {recording.num_frames} frames; film it, or leave out --observe pixels."
-        )
+    frame_times(recording)
     film = np.stack(list(recording.iter_frames()))
     if film.shape[1:3] != (height, width):
         raise InputError(
@@ -90,31 +88,31 @@ def _frames(recording: Recording, model: WorldModel) -> NDArray[np.uint8]:
     return film
 
 
-def _early(recording: Recording, model: WorldModel) -> float:
-    """Seconds by which commands act before their time in a recording.
+def _early(model: WorldModel) -> float:
+    """Seconds by which commands act before their time in simulations of a model's system.
 
-    A simulation with Euler's steps moves as if each command had come half a step early, since positions go on with the
+    With Euler's steps, a simulation moves as if each command had come half a step early, since positions go on with the
     velocity at the end of the step; what the model has learned is the motion between.
     """
-    if recording.source != "simulation" or model.system is None:
+    if model.system is None:
         return 0.0
     option = system_of(model.system).compile().opt
     return 0.0 if option.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 0.5 * float(option.timestep)
 
 
 def _with_positions(
-    recording: Recording, model: WorldModel, document: LearnedMjcf, simulator: mujoco.MjModel, q: Floats
+    recording: Recording, document: LearnedMjcf, q: Floats, turns: NDArray[np.bool_], early: float
 ) -> Recording:
     """The recording with positions in place of any that it has; turns go on from frame to frame."""
-    turns = simulator.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
     for j in np.flatnonzero(turns):
         known = np.isfinite(q[:, j])
         q[known, j] = np.unwrap(q[known, j])
+    if recording.t_action is not None and recording.source == "simulation":
+        recording = replace(recording, t_action=recording.t_action - early)
     length = "m" if document.units.of_system else "1"
     units = {key: unit for key, unit in recording.units.items() if key != "qvel"}
     return replace(
         recording,
-        t_action=None if recording.t_action is None else recording.t_action - _early(recording, model),
         joint_names=document.joints,
         t_state=np.asarray(recording.t_frame, np.float64),
         qpos=q,

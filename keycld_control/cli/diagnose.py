@@ -146,8 +146,6 @@ def _learned(source: str) -> "JointModel | WorldModel":
 
 def _write(report: "Report", simulator: "Source | JointModel | WorldModel", out: Path) -> "Report":
     """Write the report, its page, and the corrected simulator; returns the report with what that does not have."""
-    from mujoco import MjModel
-
     from keycld_envs.errors import InputError
     from keycld_model import JointModel, WorldModel
     from keycld_model.diagnosis import (
@@ -166,8 +164,8 @@ def _write(report: "Report", simulator: "Source | JointModel | WorldModel", out:
     else:
         if isinstance(simulator, WorldModel):
             report = _without(report, _write_corrected_world_model(report, simulator, out / "corrected_model"))
-            xml = learned_simulator(simulator).xml
-            simulator = Source(MjModel.from_xml_string(xml), xml)
+            document = learned_simulator(simulator)
+            simulator = Source(document.model, document.xml)
         environment = simulator.environment
         if report.evidence is not None and simulator.mjcf is not None:
             try:
@@ -188,11 +186,14 @@ def _without(report: "Report", left: list[str]) -> "Report":
 def _write_corrected_world_model(report: "Report", world: "WorldModel", folder: Path) -> list[str]:
     """Write a world model with what was found; returns what it cannot be given."""
     from keycld_control.correction.corrections import corrections_of
+    from keycld_envs.errors import InputError
 
-    effects, left = corrections_of(report.to_dict(), "the report")
-    if effects and world.system is None:
-        return [*left, *(f"{effect.id} at {effect.where}, since the model is of no system" for effect in effects)]
-    world.with_effects(effects).save(folder)  # the simulator has none that it was given before
+    try:
+        effects, left = corrections_of(report.to_dict(), "report.json")
+        world.with_effects(effects).save(folder)  # the simulator has none that it was given before
+    except InputError as error:  # less friction than before, for instance, or no system whose joints could have any
+        print(f"keycld: There is no corrected_model: {error}", file=sys.stderr)
+        return [f"{finding.effect} at {finding.where['name']}" for finding in report.findings]
     return left
 
 

@@ -59,6 +59,9 @@ def diagnose_images(
         raise InputError("A baseline is compared by one sensor; observe states or pixels, not both.")
     every = [*recordings, *held_out, *baseline]
     positions = read_positions(every, model, camera, workers)
+    if positions.trusted < criteria.trusted_frames:
+        remedy = "Give the simulator the camera, the shapes and the colours of the scene."
+        return _distrusted(positions, every, model, criteria, remedy)
     return _diagnosed(positions, every, len(recordings), len(held_out), model, encoders, criteria, budget)
 
 
@@ -92,10 +95,13 @@ def diagnose_by_world_model(
         InputError: if frames are missing or of another size, the model has no constraints, or what `diagnose` raises.
     """
     document = learned_simulator(world)
-    model = mujoco.MjModel.from_xml_string(document.xml)
     every = [*recordings, *held_out, *baseline]
     positions = learned_positions(every, world, document)
-    report = _diagnosed(positions, every, len(recordings), len(held_out), model, False, criteria, budget)
+    if positions.trusted < criteria.trusted_frames:
+        remedy = "Train a world model on recordings of this scene, in this light."
+        report = _distrusted(positions, every, document.model, criteria, remedy)
+    else:
+        report = _diagnosed(positions, every, len(recordings), len(held_out), document.model, False, criteria, budget)
     about = {
         "world_model": world.name,
         "units": "rad, m, N m" if document.units.of_system else "rad, image units, per total mass",
@@ -135,8 +141,6 @@ def _diagnosed(
         criteria: thresholds and priors.
         budget: seconds for the search.
     """
-    if positions.trusted < criteria.trusted_frames:
-        return _distrusted(positions, every, model, criteria)
     seen = list(positions.recordings)
     observation: Observation = JointPositions(model, tracked=True, criteria=criteria, floor=positions.error)
     if encoders:
@@ -181,7 +185,7 @@ def _summary(positions: Positions) -> dict[str, object]:
 
 
 def _distrusted(
-    positions: Positions, recordings: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria
+    positions: Positions, recordings: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria, remedy: str
 ) -> Report:
     """The report that names no physics, since the pictures are not the simulator's."""
     worst = min(range(len(positions.recordings)), key=lambda r: float(np.median(positions.explained[r])))
@@ -190,8 +194,7 @@ def _distrusted(
     message = (
         f"Only {100 * positions.trusted:.0f} % of the frames show the simulator where it can be, {needed:.0f} % are "
         f"needed (in recording {name!r} its picture explains {100 * share:.0f} % of what moves): positions cannot be "
-        "read off them, and nothing is said of physics. Give the simulator the camera, the shapes and the colours of "
-        "the scene."
+        f"read off them, and nothing is said of physics. {remedy}"
     )
     none = float("nan")
     return Report(

@@ -56,11 +56,7 @@ def read_films(recordings: Sequence[Recording]) -> Films:
     """
     times, films = [], []
     for recording in recordings:
-        if recording.t_frame is None or recording.num_frames < 2:
-            raise InputError(
-                f"Recording {recording.id!r} has {recording.num_frames} frames; film it, or leave out --observe pixels."
-            )
-        times.append(np.asarray(recording.t_frame, np.float64))
+        times.append(frame_times(recording))
         films.append(np.stack([reduced(frame, LARGEST) for frame in recording.iter_frames()]))
         if films[-1].shape[1:] != films[0].shape[1:]:
             sizes = ["×".join(map(str, film.shape[2:0:-1])) for film in (films[0], films[-1])]
@@ -69,3 +65,16 @@ def read_films(recordings: Sequence[Recording]) -> Films:
                 "one camera with one setting is needed."
             )
     return Films(tuple(times), tuple(films))
+
+
+def frame_times(recording: Recording) -> Array:
+    """`[T]` s.
+
+    Raises:
+        InputError: if a recording has fewer than two frames.
+    """
+    if recording.t_frame is None or recording.num_frames < 2:
+        raise InputError(
+            f"Recording {recording.id!r} has {recording.num_frames} frames; film it, or leave out --observe pixels."
+        )
+    return np.asarray(recording.t_frame, np.float64)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from keycld_control.cli import main
+from keycld_control.cli.diagnose import _write_corrected_world_model
 from keycld_envs import KeyCLDEnv, make, resolve_env_id
 from keycld_envs.collect import CollectSettings, record_episode
 from keycld_envs.effects import ViscousFriction
@@ -17,7 +18,8 @@ from keycld_envs.projection import world_to_image
 from keycld_envs.recordings import write_recording
 from keycld_envs.systems import get_system
 from keycld_model import WorldModel
-from keycld_model.diagnosis import diagnose_by_world_model
+from keycld_model.diagnosis import Report, diagnose_by_world_model
+from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Unexplained
 from keycld_model.learned_mjcf import learned_mjcf, places_of
 from keycld_model.learned_positions import learned_positions
 
@@ -64,7 +66,7 @@ def test_places_are_those_at_which_the_document_shows_its_keypoints(name):
         mujoco.mj_forward(model, data)
         points = np.stack([data.site(site).xpos for site in sites])
         seen = world_to_image(model, data, points, "front", *reversed(world.image_shape))
-        np.testing.assert_allclose(places_of(world, document, seen), q, atol=1e-4)
+        np.testing.assert_allclose(places_of(world, document)(seen), q, atol=1e-4)
 
 
 @pytest.mark.render
@@ -110,6 +112,25 @@ def test_frames_of_another_scene_name_no_physics():
     report = diagnose_by_world_model(other, WorldModel.load("pendulum"))
     assert report.verdict == "undetermined" and not report.findings
     assert "the frames" in report.headline
+    assert "Train a world model" in report.headline
+
+
+def test_what_no_world_model_can_have_is_said_and_ends_nothing(tmp_path, capsys):
+    world, less = WorldModel.load("pendulum"), Estimate(-0.05, "N m s/rad", -0.06, -0.04)
+    finding = Finding.of(ViscousFriction("hinge"), {"b": less}, 0.9, [])
+    report = Report(
+        verdict="mismatch",
+        headline="Less friction than before.",
+        findings=[finding],
+        nuisance={},
+        unexplained=Unexplained(False, 0.0, None, "What is left is noise."),
+        fit=FitErrors("root mean square", "mrad", 2.0, 2.0, 1.0),
+        held_out=[],
+        details={},
+    )
+    assert _write_corrected_world_model(report, world, tmp_path / "corrected_model") == ["viscous_friction at hinge"]
+    assert not (tmp_path / "corrected_model").exists()
+    assert "no corrected_model: viscous_friction at 'hinge' has b=-0.05" in capsys.readouterr().err
 
 
 @pytest.mark.render
