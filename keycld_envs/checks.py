@@ -1,6 +1,7 @@
 """Checks of what users hand in; every failure is an `InputError` of one sentence."""
 
 import difflib
+import math
 from collections.abc import Sequence
 from numbers import Integral, Real
 from typing import Any, Literal, TypeVar, cast
@@ -65,14 +66,15 @@ def check_whole(name: str, value: object, least: int, most: int) -> None:
         raise InputError(f"{name} is {short(value)}; it must be a whole number from {least} to {most}.")
 
 
-def check_number(name: str, value: object, above: float, most: float) -> None:
-    """Refuse what is no number above one and up to another.
+def check_number(name: str, value: object, above: float, most: float, *, inclusive: bool = False) -> None:
+    """Refuse what is no number above one, or just that if `inclusive`, and up to another.
 
     Raises:
         InputError: if it is none.
     """
-    if isinstance(value, bool) or not isinstance(value, Real) or not above < cast(float, value) <= most:
-        least = "from 0" if -1e-6 < above < 0 else f"above {above:g},"
+    number = cast(float, value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+    if not (number > above or (inclusive and number == above)) or not number <= most:
+        least = f"from {above:g}" if inclusive else f"above {above:g},"
         raise InputError(f"{name} is {short(value)}; it must be a number {least} up to {most:g}.")
 
 

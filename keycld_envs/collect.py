@@ -71,7 +71,7 @@ class CollectSettings:
             check_whole(name, getattr(self, name), least, most)
         check_size("width", self.width)
         check_size("height", self.height)
-        check_number("velocity", self.velocity, -1e-300, 1e6)
+        check_number("velocity", self.velocity, 0.0, 1e6, inclusive=True)
         if self.action_range is not None:
             check_number("action_range", self.action_range, 0.0, 1e300)
 

@@ -66,7 +66,7 @@ class NetworkConfig:
         for name in ("gaussian_widths", "segment_widths"):
             for width in getattr(self, name):
                 check_number(name, width, 0.0, 10.0)
-        check_number("saliency", self.saliency, -1e-9, 1e3)
+        check_number("saliency", self.saliency, 0.0, 1e3, inclusive=True)
         check_number("force_scale", self.force_scale, 0.0, 1e6)
         if self.kernel_scale is not None:
             check_number("kernel_scale", self.kernel_scale, 0.0, 1e3)
