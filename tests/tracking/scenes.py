@@ -1,5 +1,6 @@
 """Videos of pendulums with known angles, drawn with NumPy and compressed like a camera's."""
 
+from contextlib import closing
 from pathlib import Path
 
 import mujoco
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from keycld_envs.recordings.video import write_video
+from keycld_envs.rendering import Renderer
 from keycld_model.tracking.pendulum.motion import Motion
 
 Array = NDArray[np.float64]
@@ -126,15 +128,14 @@ def draw_chain(
     focal = size[1] / 2 / np.tan(np.radians(model.cam_fovy[0]) / 2)
 
     def frames():
-        with mujoco.Renderer(model, size[1], size[0]) as renderer:
+        with closing(Renderer(model, *size, "full")) as renderer:
             for t in range(round(seconds * fps)):
                 data.qpos[2] = 0.7 if leaning is not None and leaning.start <= t < leaning.stop else 0.0
                 mujoco.mj_forward(model, data)
-                renderer.update_scene(data, "front")
                 away = data.site_xpos - model.cam_pos[0]
                 ends.append((np.array(size) - 1) / 2 + focal * away[:, [0, 2]] * (1, -1) / away[:, 1:2])
                 angles.append(data.qpos[:2].copy())
-                picture = renderer.render().copy()
+                picture = renderer.render(data, "front")
                 if hidden is not None and hidden.start <= t < hidden.stop:
                     column, row = ends[-1][2].astype(int)
                     half = size[0] // 12
