@@ -1,5 +1,6 @@
 # make demo     swing up the reference systems from pixels; table and clips
-# make test     all tests;  make test-fast: those of the inner loop, without whole diagnoses, trainings and frames
+# make test     the tests of every change;  make test-all: the long ones, too, before a release
+# make test-fast  those of the inner loop, without whole diagnoses, trainings and frames
 # make fuzz     thousands of damaged inputs;  make kills, make interrupts: hundreds of killed and interrupted commands
 # make lint     ruff;  make types: pyright;  make layers: import layers;  make docs: strict documentation
 # make tutorials  run docs/tutorials/*.ipynb again, and keep what they print and draw
@@ -14,7 +15,7 @@ DATA_SEED := 1
 BY_FILE := --dist loadfile --no-loadscope-reorder# examples of a document build on each other; conftest.py has the order
 DEBIAN := Debian, Ubuntu: apt-get install python3-venv libegl1 libgl1-mesa-dri
 
-.PHONY: demo test test-fast fuzz kills interrupts lint types layers docs tutorials weights bench dist libraries opengl clean
+.PHONY: demo test test-all test-fast fuzz kills interrupts lint types layers docs tutorials weights bench dist libraries opengl clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -22,10 +23,13 @@ demo: libraries .venv/.keycld opengl
 	$(BIN)/keycld demo
 
 test: libraries .venv/.keycld-dev opengl
+	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m 'not long'
+
+test-all: libraries .venv/.keycld-dev opengl
 	$(BIN)/python -m pytest -n 2 $(BY_FILE)
 
 test-fast: libraries .venv/.keycld-dev opengl
-	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m 'not slow and not render' tests
+	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m 'not slow and not long and not render' tests
 
 fuzz: libraries .venv/.keycld-dev
 	$(BIN)/python tests/reliability/fuzz.py --inputs 2000 --seed $(SEED)

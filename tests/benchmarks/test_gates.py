@@ -113,7 +113,7 @@ def test_long_rollouts_follow_what_was_measured_if_friction_is_fitted(tmp_path: 
     assert rollouts.error(0) == rollouts.error()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gate_diagnoses_its_files_and_draws_what_it_held_out(tmp_path: Path) -> None:
     files = swinging(tmp_path, 7, 3.0)
 
@@ -160,7 +160,7 @@ def test_a_gate_of_concealed_effects_without_its_files_says_which_is_missing(tmp
     assert not result.passed and result.numbers["cases"] == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gate_of_halves_diagnoses_both_and_compares_them(tmp_path: Path) -> None:
     runs = Runs("pendulum", lambda _: PENDULUM, swinging(tmp_path, 6, 3.0))
     result = HalvesGate("G9", "", [runs], 1, 0).run(tmp_path)

@@ -99,7 +99,7 @@ def test_finished_cases_are_kept_and_not_run_again(folder: Path, tmp_path: Path)
     assert len(rows({"sindy": both})[0]) == len(HEADER)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_case_does_not_depend_on_the_others_nor_on_processes(folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("pysindy")
     alone = gate().case(1, folder, "sindy").grade()

@@ -90,7 +90,7 @@ def test_an_outlook_tells_what_is_under_way():
     np.testing.assert_allclose(outlook.queued, [[2.0, 0.3], [3.0, 0.3]], atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "effects"),
     [
@@ -166,7 +166,7 @@ def test_a_loop_that_cannot_run_leaves_no_folder(words, named, tmp_path, monkeyp
     assert not (tmp_path / "loop").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.render
 def test_the_whole_loop(tmp_path, capsys):
     command = ["loop", "cartpole", "--conceal", "7", "--episodes", "2", "--observe", "states", "--json"]

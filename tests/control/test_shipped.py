@@ -11,7 +11,7 @@ from keycld_envs import REFERENCE_SYSTEMS, get_system
 from keycld_envs.disturbance import Disturbance
 from keycld_model.stored import shipped_models
 
-pytestmark = [pytest.mark.slow, pytest.mark.render]
+pytestmark = pytest.mark.render
 SEED = 10_000
 WEAK = [name for name in REFERENCE_SYSTEMS if get_system(name).weak_limit is not None]
 
@@ -22,7 +22,8 @@ def settings(name: str, **options) -> LoopSettings:
     return LoopSettings(name, seed=SEED, **options)
 
 
-@pytest.mark.parametrize("start", ["random", "hanging"])
+@pytest.mark.slow
+@pytest.mark.parametrize("start", ["random", pytest.param("hanging", marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
 def test_they_swing_up(name, start):
     result = swing_up(settings(name, start=start), episodes=1)
@@ -30,6 +31,7 @@ def test_they_swing_up(name, start):
     assert result.median_time_to_upright_s < 5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
 @pytest.mark.parametrize(
     "disturbance",
@@ -45,18 +47,21 @@ def test_they_swing_up_before_another_camera(name, disturbance):
     assert swing_up(settings(name, start="random", disturbance=disturbance), episodes=1).successes == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", WEAK)
 def test_they_pump_where_motors_are_weak(name):
     limit = get_system(name).weak_limit
     assert swing_up(settings(name, start="hanging", action_limit=limit), episodes=1).successes == 1
 
 
+@pytest.mark.long
 def test_the_result_does_not_depend_on_the_workers():
     alone = swing_up(settings("pendulum"), episodes=2)
     together = swing_up(settings("pendulum"), episodes=2, workers=2)
     assert replace(alone, act_per_second=0.0) == replace(together, act_per_second=0.0)
 
 
+@pytest.mark.long
 def test_clips_are_written(tmp_path):
     episode = film(settings("pendulum", start="hanging"), tmp_path / "clip.mp4")
     assert episode.success

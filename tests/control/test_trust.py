@@ -48,7 +48,7 @@ def loops() -> Iterator[Callable[[str], Loop]]:
         yield loop_of
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.render
 @pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
 def test_it_lets_go_of_what_it_cannot_see_and_goes_on_when_it_can(loops, name):

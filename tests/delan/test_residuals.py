@@ -52,7 +52,10 @@ def loaded_pendulum(pendulum: Path, tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("family", ["structured", "hamiltonian", "black_box"])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "family", ["hamiltonian", *(pytest.param(f, marks=pytest.mark.long) for f in ("structured", "black_box"))]
+)
 def test_torques_inertias_energies_and_friction_add(family: Family, tmp_path: Path) -> None:
     base, own = untrained("structured", 1, (VISCOUS, DRY)), untrained(family, 2, (VISCOUS,))
     whole = added(base, own)
@@ -71,6 +74,7 @@ def test_torques_inertias_energies_and_friction_add(family: Family, tmp_path: Pa
     assert np.array_equal(loaded.inverse_dynamics(Q, V, A), whole.inverse_dynamics(Q, V, A))
 
 
+@pytest.mark.long
 def test_a_sum_is_a_base_and_a_simulator_as_any_other() -> None:
     models = [untrained(family, i) for i, family in enumerate(("structured", "black_box", "structured"))]
     whole = added(added(models[0], models[1]), models[2])

@@ -85,7 +85,7 @@ def test_positions_are_those_of_the_systems_joints(name):
 
 
 @pytest.mark.render
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_is_named_from_images_and_the_model_given_it(tmp_path, capsys):
     today, _ = filmed("pendulum", [ViscousFriction("hinge", b=0.1)], seed=1)
     for run in today:

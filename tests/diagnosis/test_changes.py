@@ -54,7 +54,7 @@ def test_a_single_recording_tests_one_half_by_the_other(before: list[Recording])
     assert report.held_out == [new.id]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("now, pull, found", [(unmodelled, 1.0, []), (viscous, 0.1, [("viscous_friction", "hinge")])])
 def test_what_differs_from_run_to_run_by_itself_is_no_change(
     now: Callable[..., np.ndarray], pull: float, found: list[tuple[str, str]]
@@ -67,7 +67,7 @@ def test_what_differs_from_run_to_run_by_itself_is_no_change(
     assert effects(compared(runs[6:], runs[:6])) == found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_motor_that_does_nothing_near_zero(before: list[Recording]) -> None:
     def weak(u: np.ndarray) -> np.ndarray:
         return np.sign(u) * np.maximum(0, np.abs(u) - 0.3)

@@ -66,7 +66,7 @@ def test_refitted_masses_leave_only_noise_of_a_closed_loop():
     assert fit.chi_square < 1.1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_of_the_slider_is_found_and_corrected(tmp_path):
     (tmp_path / "crank.xml").write_text(CRANK)
     source = Source.of_file(tmp_path / "crank.xml")

@@ -62,8 +62,8 @@ def vibrating(recording: Recording, number: int) -> Recording:
     "system, force, effect, place, parameter, size",
     [
         ("pendulum", dry, "coulomb_friction", "hinge", "c", 0.1),
-        ("cartpole", viscous, "viscous_friction", "hinge_1", "b", 0.08),
-        ("acrobot", viscous, "viscous_friction", "elbow", "b", 0.08),
+        pytest.param("cartpole", viscous, "viscous_friction", "hinge_1", "b", 0.08, marks=pytest.mark.long),
+        pytest.param("acrobot", viscous, "viscous_friction", "elbow", "b", 0.08, marks=pytest.mark.long),
     ],
 )
 def test_what_changed_is_named_placed_and_sized(
@@ -180,7 +180,7 @@ def test_sets_that_cannot_be_compared_are_refused_with_both_named() -> None:
         diagnose(far, model, baseline=before)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_clocks_may_count_from_any_time_and_samples_be_missing(unchanged: Report) -> None:
     new, before = sets("pendulum", viscous)
     moved = []
@@ -193,7 +193,7 @@ def test_clocks_may_count_from_any_time_and_samples_be_missing(unchanged: Report
     assert [(f.effect, f.where["name"]) for f in report.findings] == [("viscous_friction", "hinge")]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_detectable_is_found_and_what_is_far_below_is_not() -> None:
     model, before = get_system("pendulum").compile(), sets("pendulum", None)[1]
     least = {(d.effect, d.parameter): d for d in detectable(before, model)}
@@ -226,7 +226,7 @@ def test_keycld_diagnose_with_a_baseline(tmp_path: Path, capsys: pytest.CaptureF
     assert main(["diagnose", today, "--baseline", str(tmp_path / "none"), "--env", "pendulum"]) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_vibration_takes_no_masses_away() -> None:
     new, before = ([vibrating(r, i) for i, r in enumerate(some)] for some in sets("acrobot", viscous))
     motion = Motion.of(before, get_system("acrobot").compile(), STANDARD)
@@ -244,7 +244,7 @@ def test_a_vibration_takes_no_masses_away() -> None:
     assert finding.parameters["b"].value == pytest.approx(0.08, rel=0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_hardly_stands_out_is_perhaps_a_change() -> None:
     new, before = sets("pendulum", dry)
     model = get_system("pendulum").compile()

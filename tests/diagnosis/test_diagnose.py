@@ -11,7 +11,7 @@ from plants import problem_of, recordings
 from keycld_envs import KeyCLDEnv
 from keycld_envs.effects import ActuatorDelay, ViscousFriction
 from keycld_envs.errors import InputError
-from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
+from keycld_envs.systems import get_system
 from keycld_model.diagnosis import Source, diagnose
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.inputs.checks import check
@@ -40,7 +40,9 @@ MISSING = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("system", REFERENCE_SYSTEMS)
+@pytest.mark.parametrize(
+    "system", ["cartpole", *(pytest.param(n, marks=pytest.mark.long) for n in ("pendulum", "acrobot"))]
+)
 def test_no_alarm_where_only_masses_and_encoder_zeros_are_off(system):
     report = diagnose(recordings(system, seed=1), get_system(system).compile())
     assert (report.verdict, report.findings, report.exit_code) == ("no_mismatch", [], 0)
@@ -48,7 +50,7 @@ def test_no_alarm_where_only_masses_and_encoder_zeros_are_off(system):
     assert report.fit.refitted < 0.5 * report.fit.nominal
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("effects, verdict", [((), "no_mismatch"), ((ViscousFriction("hinge", b=0.1),), "mismatch")])
 def test_a_simulation_is_compared_with_itself_integrator_and_all(effects, verdict):
     """The pendulum's Euler steps of 0.02 s are far from the truth, but they are what both do."""
@@ -74,7 +76,9 @@ def test_a_simulation_is_compared_with_itself_integrator_and_all(effects, verdic
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effect", MISSING)
+@pytest.mark.parametrize(
+    "effect", [*(pytest.param(e, marks=pytest.mark.long) for e in MISSING if e != "cogging"), "cogging"]
+)
 def test_one_effect_is_named_placed_and_measured(effect):
     system, missing, place, values = MISSING[effect]
     report = diagnose(recordings(system, seed=2, **missing), get_system(system).compile())

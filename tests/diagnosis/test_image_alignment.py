@@ -57,7 +57,7 @@ def test_positions_are_those_of_the_simulation_whatever_the_camera_does():
 
 
 @pytest.mark.render
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_links_are_read_in_workers_as_in_one_process():
     model = get_system("acrobot").compile()
     runs, truth = film("acrobot", frames=12)
@@ -69,7 +69,7 @@ def test_two_links_are_read_in_workers_as_in_one_process():
 
 
 @pytest.mark.render
-@pytest.mark.slow
+@pytest.mark.long
 def test_of_another_scene_no_physics_is_named():
     runs, _ = film("cartpole", frames=12)
     model = get_system("pendulum").compile()

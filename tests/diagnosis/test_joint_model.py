@@ -223,7 +223,7 @@ def diagnosed(folder: Path, model: Path, friction: float, capsys: pytest.Capture
     return code, json.loads(capsys.readouterr().out)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_learned_pendulum_lacks_the_friction_that_its_recordings_have(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

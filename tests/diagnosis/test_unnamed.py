@@ -13,7 +13,7 @@ def push(t, q, v, u):
     return np.array([0.5 * (0.9 <= t < 1.1) - 0.5 * (2.1 <= t < 2.3)])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_pushes_are_found_and_timed():
     report = diagnose(recordings("pendulum", seed=5, force=push), get_system("pendulum").compile())
     assert report.verdict == "mismatch"
@@ -38,7 +38,7 @@ def wind(t, q, v, u):
     return 0.03 * relative * np.abs(relative)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_has_no_name_is_called_unknown_and_mended():
     report = diagnose(recordings("pendulum", seed=6, force=wind), get_system("pendulum").compile())
     assert (report.verdict, [f.effect for f in report.findings]) == ("mismatch", ["unknown"])
@@ -51,7 +51,7 @@ def efficiency(t, q, v, u):
     return 2 * u * 0.4 * np.sin(2 * q)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_motor_that_depends_on_positions_is_mended():
     report = diagnose(recordings("pendulum", seed=7, force=efficiency), get_system("pendulum").compile())
     assert "unknown" in [f.effect for f in report.findings] or report.unexplained.significant

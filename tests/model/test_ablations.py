@@ -61,7 +61,7 @@ def test_an_ablation_is_one_field(name):
     assert same and (name != "fc" or PRESETS[name].stages == PRESETS["default"].stages)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ABLATIONS)
 def test_an_ablation_trains_saves_and_predicts(name, tmp_path, monkeypatch):
     monkeypatch.setattr("keycld_model.training.loop.COLLAPSED", 0.0)

@@ -112,7 +112,7 @@ def test_area_of_a_polar_chart_is_that_of_its_disc() -> None:
     assert Chart(np.zeros((1, 2)), None, (64, 20)).nodes()[1].sum() == pytest.approx(np.pi * 20**2, rel=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("second", "background"), [(ORANGE, 0.1), (BLUE, 0.1), (ORANGE, 0.0)])
 def test_arm_of_two_links_whatever_the_colours(second: tuple[float, float, float], background: float) -> None:
     frames = frames_of(lambda rng: arm(rng, second, background))
@@ -127,7 +127,7 @@ def test_arm_of_two_links_whatever_the_colours(second: tuple[float, float, float
     assert found.ranked[0] is found.best
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "half",
     [

@@ -175,7 +175,9 @@ def test_data_that_do_not_fit_are_refused(model, options, changes, words):
 
 @pytest.mark.slow
 @pytest.mark.render
-@pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
+@pytest.mark.parametrize(
+    "name", ["pendulum", *(pytest.param(n, marks=pytest.mark.long) for n in ("cartpole", "acrobot"))]
+)
 def test_the_shipped_weights(name, tmp_path):
     """No worse than a sample of 10 recordings can tell; `keycld bench` measures what they reach."""
     if name not in shipped_models():

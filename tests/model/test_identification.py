@@ -12,7 +12,7 @@ from keycld_model.modules import Parts
 from keycld_model.places import to_keypoints
 from keycld_model.training.identification import identify
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unoptimised")]
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 PENDULUMS = Mechanism(num_keypoints=2, num_actions=2, rods=(Rod(None, 0), Rod(0, 1)))
 CART = Mechanism(num_keypoints=2, num_actions=2, rods=(Rod(0, 1),), sliders=(Slider(0),))
@@ -64,6 +64,7 @@ def motion(parts, variables, noise):
     return np.asarray(seen + noise * rng.normal(size=seen.shape), np.float32), np.asarray(u), {"x": x, "v": v}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "mechanism, masses, guess",
     [(PENDULUMS, (0.6, 0.4), (0.5, 0.5)), (CART, (0.85, 0.15), (0.8, 0.2))],
@@ -90,6 +91,7 @@ def test_masses_and_their_places_are_found(mechanism, masses, guess):
     assert deviation[-2] < 1.4 * NOISE  # one recording may get lost, from masses that wrong
 
 
+@pytest.mark.slow
 def test_a_motor_that_does_not_act_on_a_keypoint_is_found_not_to():
     parts, right = truth(CART, (0.85, 0.15))
     seen, actions, states = motion(parts, right, noise=NOISE)
@@ -108,6 +110,7 @@ def test_a_motor_that_does_not_act_on_a_keypoint_is_found_not_to():
     assert force[:, 1].max() > 0.1
 
 
+@pytest.mark.long
 def test_a_cart_whose_keypoint_leans_towards_its_pole():
     """The lean looks like mass of the pole; the motors tell them apart."""
     parts, right = truth(CART, (0.94, 0.06))
@@ -120,6 +123,7 @@ def test_a_cart_whose_keypoint_leans_towards_its_pole():
     assert upright["lean"][0] == 0
 
 
+@pytest.mark.long
 def test_sequences_that_diverge_do_no_harm_and_masses_can_be_held_in_place():
     parts, right = truth(PENDULUMS, (0.6, 0.4))
     seen, actions, states = motion(parts, right, noise=NOISE)
@@ -132,6 +136,7 @@ def test_sequences_that_diverge_do_no_harm_and_masses_can_be_held_in_place():
     np.testing.assert_allclose(parts.lagrangian(found).masses, (0.6, 0.4), atol=0.02)
 
 
+@pytest.mark.slow
 def test_if_all_diverge_nothing_changes():
     parts, right = truth(PENDULUMS, (0.6, 0.4))
     seen, actions, states = motion(parts, right, noise=0.0)

@@ -170,7 +170,7 @@ def test_point_masses_have_the_energies_that_mujoco_computes():
         assert truth_of(drawn_mechanism(kind, 0)).masses.sum() == pytest.approx(1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_of_a_pendulum_hold_what_is_true_and_grow_with_the_errors():
     truth = truth_of(drawn_mechanism("pendulum", 1))
 

@@ -52,7 +52,7 @@ def folder(tmp_path, monkeypatch):
     forget()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.render
 @pytest.mark.filterwarnings("ignore:os.fork")  # imageio starts ffmpeg to read
 def test_from_recording_to_control(folder, capsys):

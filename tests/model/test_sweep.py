@@ -15,7 +15,7 @@ from keycld_model.checkpoint import flatten, read_checkpoint
 SEEDS = range(3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="Ray's clusters of several nodes are for Unix")
 def test_a_training_whose_machine_is_lost_goes_on_elsewhere(cluster, tmp_path):
     nodes, machines = cluster

@@ -136,12 +136,11 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_weights(uninter
     assert 0 < read_checkpoint(out / "state")[1]["done"] < TINY.stages[0].steps
     with open(out / "log.jsonl", "a") as file:
         file.write('{"step": 4, "stage": "disc')  # a line that was being written
-    for stage in (1, 3):
-        with pytest.MonkeyPatch.context() as patch:
-            kill_at(patch, stage, 2)
-            with pytest.raises(Killed):
-                train(dataset(), CONFIG, out, TINY, seed=3)
-        assert read_checkpoint(out / "state")[1]["stage"] == stage
+    with pytest.MonkeyPatch.context() as patch:
+        kill_at(patch, 3, 2)
+        with pytest.raises(Killed):
+            train(dataset(), CONFIG, out, TINY, seed=3)
+    assert read_checkpoint(out / "state")[1]["stage"] == 3
     result = train(dataset(), CONFIG, out, TINY, seed=3)
     assert_same(result.model.parameters, uninterrupted.model.parameters)
     assert result.validation_vpt == uninterrupted.validation_vpt

@@ -28,7 +28,12 @@ def test_scatter_is_the_size_of_white_noise():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("term", "size"), [("viscous_friction", 0.15), ("quadratic_drag", 0.12), ("coulomb_friction", 0.25)]
+    ("term", "size"),
+    [
+        ("viscous_friction", 0.15),
+        pytest.param("quadratic_drag", 0.12, marks=pytest.mark.long),
+        pytest.param("coulomb_friction", 0.25, marks=pytest.mark.long),
+    ],
 )
 def test_dissipation_is_named(term, size):
     times = np.arange(450) / 30
@@ -40,7 +45,7 @@ def test_dissipation_is_named(term, size):
     assert abs(study.period[0] / 1.2 - 1) < 0.002
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_short_noisy_swing_names_nothing():
     times = np.arange(150) / 30
     angles = swing(times, ("viscous_friction",), (0.02,)) + np.random.default_rng(2).normal(0, 2e-2, 150)

@@ -25,7 +25,7 @@ def run(video: Path, mechanism: Path) -> int:
     return main(["track", str(video), "--mechanism", str(mechanism), "--out", str(video.parent / "o")])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_places_and_angles_of_a_pendulum_whose_pivot_is_out_of_view(tmp_path):
     times = np.arange(120) / 30
     angles, pivot, length = swing(times), np.array([320.0, -60.0]), 330.0
@@ -41,7 +41,7 @@ def test_places_and_angles_of_a_pendulum_whose_pivot_is_out_of_view(tmp_path):
     assert abs(np.nanmean(found.angles[:, 0] - angles)) < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_angles_and_lengths_of_a_double_pendulum(tmp_path):
     ends, angles = draw_chain(tmp_path / "a.mp4", 2.0, (1280, 720), hidden=slice(40, 45))
     marks = np.rint(ends[10] + [[2, -1], [-1, 1], [1, 2]])
@@ -58,7 +58,7 @@ def test_angles_and_lengths_of_a_double_pendulum(tmp_path):
     assert found.trusted[seen].mean() > 0.85
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_link_that_leaves_the_plane_is_not_trusted(tmp_path):
     ends, _ = draw_chain(tmp_path / "a.mp4", 2.5, (640, 360), leaning=slice(45, 60))
     found = track(read(tmp_path / "a.mp4", TWO_LINKS), TWO_LINKS, 0, nothing, ends[0], 0)
