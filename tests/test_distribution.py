@@ -70,7 +70,7 @@ def test_wheel_carries_both_licences(wheel: Path) -> None:
             assert archive.read(f"{folder}/{name}") == (ROOT / name).read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sdist_builds_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
     sdist = build(ROOT, tmp_path, "sdist")
     with tarfile.open(sdist) as archive:
@@ -88,7 +88,7 @@ def test_extras_that_messages_name_exist(wheel: Path) -> None:
     assert named <= set(metadata(wheel).get_all("Provides-Extra", []))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_wheel_runs_without_the_clone(wheel: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "site")

@@ -30,7 +30,7 @@ def test_it_holds_what_it_prints_and_draws(path):
     assert path.stat().st_size < 500_000
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.render
 @pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
 def test_it_runs(path, tmp_path, monkeypatch):

@@ -66,7 +66,7 @@ def test_sensors_that_were_never_on_at_once_are_refused():
         joined(run, later)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_both_sensors_name_what_is_missing_with_a_noise_of_their_own():
     runs = recordings("pendulum", 3, lambda t, q, v, u: -0.1 * v, number=6, seconds=2.0)
     both = [joined(run, seen_by_camera(run, 0.004, seed=i)) for i, run in enumerate(runs)]

@@ -12,7 +12,7 @@ from keycld_control.cli import main
 from keycld_envs.recordings import write_recording
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_effects_at_once_and_the_masses_of_an_arm_of_ones_own(tmp_path):
     """The command line, with an MJCF file of two links, which is no system of ours."""
     mjcf = tmp_path / "arm.xml"

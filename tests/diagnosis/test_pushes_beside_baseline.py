@@ -38,7 +38,7 @@ def test_a_push_in_one_run_is_found_with_its_time_and_size_and_nothing_else() ->
     assert finding.parameters["f"].value == pytest.approx(0.6, rel=0.25)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_where_nobody_pushes_and_where_a_friction_is_new_no_push_is_found() -> None:
     model = get_system("pendulum").compile()
     quiet, before = sets("pendulum", None)

@@ -83,7 +83,7 @@ def test_offsets_go_with_their_rotor_and_their_windows():
     assert point.variant.for_other_recordings().window_offsets is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_shorter_steps_tell_a_lag_from_a_delay(monkeypatch):
     """Half a step of delay, spread over two steps, looks like a lag; half as long, it does not."""
     monkeypatch.setattr(plants, "NOISE", 1e-4)

@@ -35,7 +35,7 @@ def before() -> Sequence[Recording]:
     return recordings("pendulum", 3, friction(0.05), errors=0.0, number=8)[:5]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_simulator_that_is_far_too_light_gets_the_masses_of_the_recordings(before: Sequence[Recording]) -> None:
     right, light = get_system("pendulum").compile(), lighter(1 / 3)
     motion, *_ = followed(before, len(before), light, STANDARD)

@@ -8,7 +8,7 @@ from keycld_envs import KeyCLDEnv, System
 
 STATM = Path("/proc/self/statm")
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.long,
     pytest.mark.render,
     pytest.mark.skipif(not STATM.exists(), reason="reads Linux's /proc"),
 ]

@@ -29,7 +29,7 @@ def held(folder: Path, item: int) -> int:
     return item * item
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="Ray's clusters of several nodes are for Unix")
 def test_what_a_lost_machine_was_doing_is_done_again(cluster, tmp_path):
     """Both machines work; one is lost in the middle of an item, and every item is done."""
