@@ -165,7 +165,7 @@ def test_a_run_records_failures_resumes_and_never_reads_answers(made, tmp_path, 
         run(tmp_path / "nowhere")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_ray_cluster_makes_the_same_case_and_runs_it(tmp_path, capsys):
     ray = pytest.importorskip("ray")
     make(tmp_path / "here", Settings(SEED, 1))

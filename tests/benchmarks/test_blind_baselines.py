@@ -28,7 +28,7 @@ def case():
     return recordings[:USED], recordings[USED:], get_system("pendulum").compile()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["refit", "greedy", "sindy", "neural"])
 def test_what_each_says_of_viscous_friction(case, name):
     if name == "sindy":

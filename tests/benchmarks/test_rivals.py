@@ -61,7 +61,7 @@ def gate(files: Sequence[RecordingFile] = FILES, seed: int = 3) -> ConcealedGate
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("method, package", [("sindy", "pysindy"), ("sysid", "colorama")])
 def test_rivals_name_friction_and_gain_and_no_change_where_there_is_none(
     method: str, package: str, folder: Path

@@ -21,7 +21,7 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_train_and_evaluate(letters: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(tmp_path / "run")
     words = ["train", str(letters), "--out", out, "--model", "black_box", "--test", "e,f", "--json"]
@@ -77,7 +77,7 @@ def test_intervals_are_those_of_student() -> None:
     assert interval([1.0, 3.0]) == "2 ± 1e+01"  # 12.7 times the standard error, 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_report_of_the_characters(
     letters: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -91,7 +91,7 @@ def test_masses_and_their_places_are_found(mechanism, masses, guess):
     assert deviation[-2] < 1.4 * NOISE  # one recording may get lost, from masses that wrong
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_motor_that_does_not_act_on_a_keypoint_is_found_not_to():
     parts, right = truth(CART, (0.85, 0.15))
     seen, actions, states = motion(parts, right, noise=NOISE)

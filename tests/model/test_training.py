@@ -126,7 +126,7 @@ loop.train(dataset(), CONFIG, {out!r}, TINY, seed=3)
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_that_is_killed_again_and_again_ends_with_the_same_weights(uninterrupted, tmp_path):
     out = tmp_path / "killed"
     code = CHILD.format(here=str(Path(__file__).parent), out=str(out))
@@ -275,7 +275,7 @@ def test_a_loss_that_is_not_finite_leaves_the_saved_state_intact(tmp_path, monke
     assert all(np.isfinite(entry["loss"]) for entry in log_of(tmp_path) if "loss" in entry)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_stage_that_turns_non_finite_begins_anew_with_smaller_steps(tmp_path, monkeypatch):
     explode, rates = loop.make_step, []
 

@@ -15,7 +15,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent / "
 import damage  # noqa: E402
 
 QUICK = [t for t in damage.TARGETS if t.name not in ("MATLAB", "MATLAB, compressed", "recording: video", "MJCF")]
-SLOW = ("checkpoint", "state of a training", "joint model", "LeRobot")
+LONG = ("checkpoint", "state of a training", "joint model", "LeRobot")
 """Of these, what builds a network or a video first."""
 OFTEN = settings(
     max_examples=25,
@@ -27,7 +27,7 @@ OFTEN = settings(
 
 @pytest.mark.parametrize(
     "target",
-    [pytest.param(target, id=target.name, marks=[pytest.mark.slow] if target.name in SLOW else []) for target in QUICK],
+    [pytest.param(target, id=target.name, marks=[pytest.mark.long] if target.name in LONG else []) for target in QUICK],
 )
 @OFTEN
 @given(how=st.sampled_from(sorted(damage.DAMAGES)), seed=st.integers(0, 2**32))

@@ -26,14 +26,9 @@ def test_scatter_is_the_size_of_white_noise():
     assert abs(scatter(times, 40 * np.sin(2 * times) + noise)[1] / 0.3 - 1) < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
-    ("term", "size"),
-    [
-        ("viscous_friction", 0.15),
-        pytest.param("quadratic_drag", 0.12, marks=pytest.mark.long),
-        pytest.param("coulomb_friction", 0.25, marks=pytest.mark.long),
-    ],
+    ("term", "size"), [("viscous_friction", 0.15), ("quadratic_drag", 0.12), ("coulomb_friction", 0.25)]
 )
 def test_dissipation_is_named(term, size):
     times = np.arange(450) / 30
