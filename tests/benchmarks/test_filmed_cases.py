@@ -18,7 +18,7 @@ SEED = 798
 
 
 @pytest.mark.render
-@pytest.mark.slow
+@pytest.mark.long
 def test_filmed_cases_have_frames_and_commands_and_nothing_else(tmp_path):
     make(tmp_path / "made", Settings(SEED, 1, "pixels"))
     folder = tmp_path / "made" / "cases" / "0001"

@@ -80,7 +80,7 @@ def recorded(rows, id="servo", noise=0.0):
     return assemble(Table(Path("servo"), {"t": t, "q": q, "u": volts}), columns, id)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_in_a_gear_is_named_where_the_servo_rests_half_of_the_time():
     def friction(motor, outside, v):  # and something in no library
         return 0.3 * abs(motor) + 0.01 * np.sin(20 * v) ** 2

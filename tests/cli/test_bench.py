@@ -247,7 +247,7 @@ def test_every_series_of_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.render
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif("pendulum" not in shipped_models(), reason="no weights for pendulum in this installation")
 def test_acting_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--only", "act", "--system", "pendulum", "--json"]) == 0

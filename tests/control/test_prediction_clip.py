@@ -33,7 +33,7 @@ def test_recorded_and_expected_stand_side_by_side() -> None:
 
 
 @pytest.mark.render
-@pytest.mark.slow
+@pytest.mark.long
 def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data, clip = str(tmp_path / "data"), tmp_path / "clip.mp4"
     assert main(["collect", "pendulum", "--episodes", "2", "--steps", "8", "--out", data, "--json"]) == 0

@@ -72,7 +72,9 @@ def test_it_lets_go_of_what_it_cannot_see_and_goes_on_when_it_can(loops, name):
 
 @pytest.mark.slow
 @pytest.mark.render
-@pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
+@pytest.mark.parametrize(
+    "name", ["acrobot", *(pytest.param(n, marks=pytest.mark.long) for n in ("pendulum", "cartpole"))]
+)
 def test_a_camera_that_stands_still_is_noticed(loops, name):
     loop = loops(name)
     agent, env = loop.agent, loop.env

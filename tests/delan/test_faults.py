@@ -42,7 +42,7 @@ def stopped(command: list[str], out: Path, how: signal.Signals) -> tuple[int, st
     return process.returncode, errors
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(os.name != "posix", reason="sends signals")
 def test_what_is_killed_or_interrupted_goes_on_to_the_same_model(tmp_path: Path) -> None:
     subprocess.run([sys.executable, str(SMALL), "data", str(tmp_path)], check=True)

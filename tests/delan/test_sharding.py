@@ -31,7 +31,7 @@ def steps(devices: int) -> dict[str, Any]:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_steps_on_four_devices_are_those_on_one() -> None:
     one, four = steps(1), steps(4)
     assert (one["devices"], four["devices"]) == (1, 4)

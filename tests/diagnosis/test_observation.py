@@ -78,7 +78,7 @@ def test_a_zero_of_an_encoder_shifts_every_sample_alike(runs):
     np.testing.assert_allclose(linear.shared[..., zero], 1 / problem.noise[0])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_friction_is_found_from_the_tip_as_from_the_joint(runs):
     model = get_system("pendulum").compile()
     found = {}
