@@ -45,7 +45,7 @@ def loose(truth: Backlash, number: int = 4, samples: int = 160):
     return out
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_play_is_found_from_numbers_far_off():
     truth = Backlash("slide", j=0.085, g=0.006)
     simulator = Simulator(KeyCLDEnv("cartpole", obs_type="state").model)

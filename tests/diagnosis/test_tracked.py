@@ -21,7 +21,7 @@ def filmed(runs, squash: float, skew: float, shutter: float):
     return out
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_errors_of_a_camera_are_no_missing_physics():
     runs = filmed(recordings("pendulum", 3, number=4, seconds=2.0), 0.03, -0.02, 0.008)
     model = get_system("pendulum").compile()

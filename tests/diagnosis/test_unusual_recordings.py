@@ -49,7 +49,7 @@ def with_gaps(recording, share, seed=0):
     return replace(recording, qpos=np.where(missing, np.nan, recording.qpos))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_has_no_commands_is_passive_and_missing_samples_do_no_harm(model):
     runs = recordings("pendulum", 2, lambda t, q, v, u: -0.1 * v, number=18, seconds=2.0)[::3]
     report = diagnose([with_gaps(without_commands(r), 0.2, seed) for seed, r in enumerate(runs)], model)
