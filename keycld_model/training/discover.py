@@ -48,9 +48,14 @@ class Discover(Stage):
         frames = as_float(batch["frames"])
         x = parts.keypoints(variables, frames)
         reconstruction = jnp.mean(jnp.sum((parts.render(variables, x) - frames) ** 2, axis=(1, 2, 3)))
-        phi = jax.vmap(parts.dynamics(variables).constraint)(x)
-        rods = len(parts.config.mechanism.rods)
-        lengths = jnp.concatenate([jnp.sqrt(2 * phi[:, :rods] + 1e-6), phi[:, rods:]], axis=1)
-        spread = jnp.sum(jnp.var(lengths, axis=0))
+        spread = constraint_variance(parts, variables, x)
         metrics = {"reconstruction": reconstruction, "constraint_variance": spread, "keypoint_spread": jnp.std(x, 0)}
         return reconstruction + self.constraint_weight * spread, metrics
+
+
+def constraint_variance(parts: Parts, variables: Variables, x: Array) -> Array:
+    """Variance of rod lengths and slider offsets over positions `[B, n]`, summed; squared image units."""
+    phi = jax.vmap(parts.dynamics(variables).constraint)(x)
+    rods = len(parts.config.mechanism.rods)
+    lengths = jnp.concatenate([jnp.sqrt(2 * phi[:, :rods] + 1e-6), phi[:, rods:]], axis=1)
+    return jnp.sum(jnp.var(lengths, axis=0))

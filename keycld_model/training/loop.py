@@ -59,7 +59,7 @@ class TrainingResult:
     Attributes:
         model: the trained world model.
         folder: the checkpoint.
-        steps: optimiser steps in all.
+        steps: optimiser steps of the recipe, with those of stages that were not needed.
         seconds: computing time of all sessions of the run.
         validation_vpt: mean valid prediction time on held-out recordings, fraction of the frames.
     """
@@ -176,6 +176,9 @@ class _Run:
             advance(total)
             for index in range(stage, len(self.preset.stages)):
                 started = time.perf_counter()
+                if done == 0 and not self.preset.stages[index].needed(self.parts, variables, self.data):
+                    advance(self.preset.stages[index].steps)
+                    continue
                 variables = self._finite_stage(index, done, seconds, variables, optimiser, advance)
                 done, optimiser, self.smaller = 0, None, 0
                 score = self._score(variables)
@@ -289,9 +292,11 @@ class _Run:
         step = make_step(self.parts, stage, optimiser, self.devices)
         trained, frozen, state = map(self.devices.replicate, (trained, frozen, state))
         before = sum(s.steps for s in self.preset.stages[:index])
+        always = sum(not s.optional for s in self.preset.stages[:index])
+        key = (self.seed, always, index) if stage.optional else (self.seed, always)
         last_save = time.perf_counter()
         for i in range(done, stage.steps):
-            batch = stage.draw(context, self.data, np.random.default_rng((self.seed, index, i)))
+            batch = stage.draw(context, self.data, np.random.default_rng((*key, i)))
             trained, state, metrics = step(trained, frozen, state, self.devices.divide(batch))
             advance(1)
             last = i + 1 == stage.steps

@@ -9,6 +9,7 @@ from keycld_model.training.discover import Discover
 from keycld_model.training.distil import Distil
 from keycld_model.training.fit import FitTrajectories, FitWindows
 from keycld_model.training.joint import Joint
+from keycld_model.training.relocate import Rediscover, Relocate
 from keycld_model.training.stage import Stage
 
 DESCENT = 500
@@ -37,10 +38,16 @@ class Preset:
         return sum(stage.steps for stage in self.stages)
 
 
+RELOCATION = (
+    Relocate(steps=200, batch=16, learning_rate=4e-3),
+    Rediscover(steps=400, batch=8, learning_rate=2e-3),
+)
+
 DEFAULT = Preset(
     NetworkConfig(),
     (
         Discover(steps=700, batch=8, learning_rate=4e-3),
+        *RELOCATION,
         FitWindows(steps=500, batch=64, learning_rate=1e-2, window=6, linear=True),
         FitTrajectories(portion=0.25, restart=True, identify=10),
         FitTrajectories(portion=0.5, identify=10, sparse=True),
@@ -57,6 +64,7 @@ QUICK = replace(
     DEFAULT,
     stages=(
         Discover(steps=500, batch=8, learning_rate=4e-3),
+        *RELOCATION,
         FitWindows(steps=300, batch=64, learning_rate=1e-2, window=6, linear=True),
         FitTrajectories(portion=0.25, restart=True, identify=10),
         FitTrajectories(identify=10, sparse=True),

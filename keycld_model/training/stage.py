@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import optax
@@ -45,6 +45,7 @@ class Stage(ABC):
     clip: float | None = 5.0
     trained: tuple[str, ...] = ()
     forgetful: bool = False
+    optional: ClassVar[bool] = False
 
     def optimiser(self) -> optax.GradientTransformation:
         """Adam with this stage's schedule and clipping."""
@@ -54,6 +55,13 @@ class Stage(ABC):
             rate = optax.cosine_onecycle_schedule(self.steps, self.learning_rate, pct_start=warm_up)
         adam = forgetful(optax.adam(rate)) if self.forgetful else optax.adam(rate)
         return adam if self.clip is None else optax.chain(optax.clip_by_global_norm(self.clip), adam)
+
+    def needed(self, parts: Parts, variables: Variables, data: TrainingData) -> bool:
+        """Whether there is anything to do, given what earlier stages left; if not, the stage is left out.
+
+        Batches of later stages are the same with and without a stage that is `optional`.
+        """
+        return True
 
     def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
         """Variables to start from, given what earlier stages left."""
