@@ -138,7 +138,6 @@ def unexplained(
     parts: Parts, variables: Variables, frames: NDArray[np.uint8], keypoints: NDArray[np.float32] | None = None
 ) -> Unexplained:
     """What drawing leaves of frames `[B, H, W, 3]`, from their own keypoints or others `[B, n]`."""
-
     needed: dict[str, Any] = {name: variables[name] for name in ("estimator", "renderer", "dynamics")}
     rows = []
     for i in range(0, len(frames), CHUNK):
@@ -158,7 +157,7 @@ def _look(parts: Parts, variables: Variables, images: Array, keypoints: Array | 
     there = jnp.max(near, axis=(1, 2, 3))
     relative = near / (there[:, None, None, None] + 1e-9)
     weight = jax.nn.softmax(SHARPNESS * relative.reshape(len(x), -1), axis=1)
-    place = weight @ grid(*error.shape[1:3], 1).reshape(-1, 2)
+    place = weight @ grid(error.shape[1], error.shape[2], 1).reshape(-1, 2)
     return x, jnp.sum(error, axis=(1, 2, 3)), place, REACH**2 * there  # all of it, if it is in one pixel
 
 
