@@ -18,6 +18,7 @@ from keycld_model.evaluation.valid_prediction_time import (
     threshold,
     valid_frames,
 )
+from keycld_model.redundancy import told_by_others
 from keycld_model.world_model import CONTEXT_FRAMES, WorldModel
 
 
@@ -38,6 +39,8 @@ class Evaluation:
         vpt_full: sequences that stay valid to the end.
         vpt_frame_index: the 2024 code's figure: index of the last valid frame, threshold from the evaluated data.
         reconstruction_mse: error of drawing each frame from its own keypoints.
+        keypoint_contributions: per keypoint, by how much of epsilon that error grows if it is where the others say
+            (linear regression); near 0, the keypoint rides on the same part as another one.
         circular_r2: per joint, agreement of decoded and recorded positions (squared correlation for slides); None
             where joint positions are not recorded.
         constraint_residual: median deviation of rod lengths and slider offsets from their constants, image units.
@@ -54,6 +57,7 @@ class Evaluation:
     vpt_full: int
     vpt_frame_index: float
     reconstruction_mse: float
+    keypoint_contributions: tuple[float, ...]
     circular_r2: dict[str, float] | None
     constraint_residual: float
 
@@ -90,7 +94,8 @@ def evaluate(model: WorldModel, dataset: Dataset, context: int = CONTEXT_FRAMES,
         vpt_interval=_interval(fractions),
         vpt_full=int((fractions == 1).sum()),
         vpt_frame_index=float(index.mean()),
-        reconstruction_mse=float(frame_errors(model, keypoints, stacked.frames).mean()),
+        reconstruction_mse=(drawn := float(frame_errors(model, keypoints, stacked.frames).mean())),
+        keypoint_contributions=_contributions(model, keypoints, stacked.frames, drawn, epsilon),
         circular_r2=_agreement(model, keypoints, stacked.qpos),
         constraint_residual=_constraint_residual(model, keypoints),
     )
@@ -156,6 +161,17 @@ def _agreement(
         seen[joint.kind] += 1
         scores[joint.name] = (circular_r2 if joint.kind == "hinge" else linear_r2)(decoded, qpos[..., i])
     return scores
+
+
+def _contributions(
+    model: WorldModel, keypoints: NDArray[np.float32], frames: NDArray[np.uint8], drawn: float, epsilon: float
+) -> tuple[float, ...]:
+    """What each keypoint adds to what the others tell, over epsilon."""
+    flat, out = keypoints.reshape(-1, 2 * keypoints.shape[-2]), []
+    for k in range(keypoints.shape[-2]):
+        told = told_by_others(flat, k).reshape(keypoints.shape)
+        out.append(float((frame_errors(model, told, frames).mean() - drawn) / epsilon))
+    return tuple(out)
 
 
 def _constraint_residual(model: WorldModel, keypoints: NDArray[np.float32]) -> float:

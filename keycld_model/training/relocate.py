@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from keycld_model.modules import Parts, as_float
 from keycld_model.nets.estimator import blur
 from keycld_model.nets.hourglass import grid
+from keycld_model.redundancy import told_by_others
 from keycld_model.training.data import TrainingData
 from keycld_model.training.discover import Discover, constraint_variance
 from keycld_model.training.stage import Batch, Context, Stage, Variables
@@ -123,13 +124,11 @@ def spare_keypoint(parts: Parts, variables: Variables, data: TrainingData) -> in
     seen = unexplained(parts, variables, frames)
     misfit: dict[int, float] = {}
     for k in range(parts.config.mechanism.num_keypoints):
-        own = slice(2 * k, 2 * k + 2)
-        x = seen.keypoints.copy()
-        others = np.delete(np.pad(x, ((0, 0), (0, 1)), constant_values=1.0), own, axis=1)
-        x[:, own] = others @ np.linalg.lstsq(others, x[:, own])[0]
-        if np.mean(unexplained(parts, variables, frames, x).error - seen.error) < np.mean(seen.there):
-            x[:, own] = seen.place
-            misfit[k] = float(constraint_variance(parts, variables, jnp.asarray(x)))
+        told = told_by_others(seen.keypoints, k)
+        if np.mean(unexplained(parts, variables, frames, told).error - seen.error) < np.mean(seen.there):
+            moved = seen.keypoints.copy()
+            moved[:, 2 * k : 2 * k + 2] = seen.place
+            misfit[k] = float(constraint_variance(parts, variables, jnp.asarray(moved)))
     misfit = {k: variance for k, variance in misfit.items() if variance < BENT**2}
     return min(misfit, key=misfit.__getitem__, default=None)
 

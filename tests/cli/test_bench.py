@@ -44,6 +44,7 @@ SCORES = Evaluation(
     vpt_full=45,
     vpt_frame_index=48.0,
     reconstruction_mse=1e-5,
+    keypoint_contributions=(0.9, 0.8),
     circular_r2={"slider": 0.9999, "hinge_1": 0.99},
     constraint_residual=1e-3,
 )

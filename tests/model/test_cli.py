@@ -130,6 +130,7 @@ def test_evaluate_prints_the_scores(data, checkpoint, capsys):
         "vpt_interval",
         "vpt_frame_index",
         "reconstruction_mse",
+        "keypoint_contributions",
         "circular_r2",
         "constraint_residual",
     } <= scores.keys()

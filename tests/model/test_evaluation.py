@@ -114,6 +114,9 @@ def test_scores_are_their_definitions(model):
     assert scores.vpt_frame_index == pytest.approx(np.mean(np.minimum(valid, 11)))
     drawn = model.render(model.keypoints(frames))
     assert scores.reconstruction_mse == pytest.approx(np.mean((drawn - frames / 255.0) ** 2), rel=1e-4)
+    still = np.broadcast_to(model.keypoints(frames).mean(axis=(0, 1)), (12, 1, 2))  # the only one: nobody else tells
+    more = np.mean((model.render(still) - frames / 255.0) ** 2) - scores.reconstruction_mse
+    assert scores.keypoint_contributions == pytest.approx((more / scores.epsilon,), rel=1e-3, abs=1e-6)
     lengths = np.linalg.norm(model.keypoints(frames)[:, :, 0], axis=-1)
     assert scores.constraint_residual == pytest.approx(np.median(np.abs(lengths - 0.5)), rel=1e-3)
     assert scores.vpt_interval[0] <= scores.vpt_fraction <= scores.vpt_interval[1]
