@@ -49,11 +49,14 @@ def find_runs(folder: Path) -> list[Run]:
     """All runs below a folder, by name.
 
     Raises:
-        InputError: if there is no such folder, or the description of a run is damaged.
+        InputError: if there is no such folder or no run in it, or the description of a run is damaged.
     """
     if not folder.is_dir():
         raise InputError(f"{folder} is no folder; name one in which runs of trainings lie.")
-    return [_run(folder, path) for path in sorted(_folders(folder))]
+    runs = [_run(folder, path) for path in sorted(_folders(folder))]
+    if not runs:
+        raise InputError(f"There is no training below {folder}; `keycld train ... --out {folder}/NAME` begins one.")
+    return runs
 
 
 def _folders(folder: Path) -> Iterator[Path]:

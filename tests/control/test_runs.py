@@ -131,6 +131,10 @@ def test_runs_are_listed_with_their_scores(tmp_path: Path, capsys: pytest.Captur
     (tmp_path / "running/state/checkpoint.json").write_text("{")
     assert main(["runs", str(tmp_path)]) == 2
     assert main(["runs", str(tmp_path / "nowhere")]) == 2
+    capsys.readouterr()
+    (tmp_path / "empty").mkdir()
+    assert main(["runs", str(tmp_path / "empty")]) == 2
+    assert "There is no training below" in capsys.readouterr().err
 
 
 def test_a_missing_tracker_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

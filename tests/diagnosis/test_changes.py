@@ -15,6 +15,7 @@ from keycld_envs.systems import get_system
 from keycld_model.diagnosis import Report, diagnose
 from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.discrepancy.candidates import Columns
+from keycld_model.diagnosis.discrepancy.detectable import detectable
 from keycld_model.diagnosis.discrepancy.missing import Missing
 from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.discrepancy.regressors import shared_terms
@@ -98,6 +99,12 @@ def test_what_is_detectable_is_told_by_place_and_effect(
     assert main(["detectable", str(tmp_path), "--env", "pendulum"]) == 0
     (row,) = [line for line in capsys.readouterr().out.splitlines() if "viscous_friction" in line]
     assert "joint hinge" in row and "N m s/rad" in row
+
+
+def test_motors_that_never_pushed_are_not_told_of() -> None:
+    passive = recordings("pendulum", 3, unmodelled)[::3]
+    sizes = {d.effect: d.size for d in detectable(passive, PENDULUM) if d.kind == "actuator"}
+    assert sizes and all(np.isinf(size) for size in sizes.values()), sizes
 
 
 def test_few_recordings_are_parted_in_time() -> None:
