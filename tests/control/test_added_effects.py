@@ -118,6 +118,7 @@ def test_a_checkpoint_keeps_effects(tmp_path):
     assert WorldModel.load(again.with_effects(()).save(tmp_path / "plain")).effects == ()
 
 
+@pytest.mark.slow
 def test_a_prediction_has_the_effects():
     model = WorldModel.load("pendulum")
     image = model.render(np.asarray(point_masses("pendulum", [1.0])).reshape(1, 2))

@@ -148,7 +148,7 @@ def model_of_the_formula(base: JointModel) -> JointModel:
     return added(base, JointModel(own, parameters))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_residuals_of_the_command(
     pendulum: Path,
     loaded_pendulum: Path,

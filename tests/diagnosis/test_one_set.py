@@ -17,7 +17,7 @@ def dry_beside_what_is_in_no_library(t: float, q: np.ndarray, v: np.ndarray, u: 
     return -SIZES * np.tanh(v / 0.02) + 0.08 * np.sin(7 * np.sin(3 * t + q) + 5 * q[::-1] * v)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_dry_friction_at_both_joints_beside_much_that_nothing_explains() -> None:
     runs = recordings("acrobot", 3, dry_beside_what_is_in_no_library)
     asked = replace(STANDARD, far_above_noise=1.0)  # sensors of these runs are too coarse for the usual question

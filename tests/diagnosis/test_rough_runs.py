@@ -53,7 +53,7 @@ def test_masses_that_fall_are_not_believed(before: Sequence[Recording]) -> None:
     assert with_own_masses(motion, {name: 0.1}, STANDARD, 0.5) is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_changed_is_sized_by_a_simulator_that_is_far_too_light(before: Sequence[Recording]) -> None:
     new = recordings("pendulum", 3, friction(0.15), errors=0.0, number=8)[5:]
     report = diagnose(new, lighter(1 / 3), baseline=before)

@@ -123,7 +123,7 @@ def blobs(xs, size=16):
     return jnp.repeat(image[..., None], 3, axis=-1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_refinement_gives_the_true_state_and_never_a_worse_one():
     dynamics, h = make("acrobot"), 0.02
     x, v = start(dynamics)

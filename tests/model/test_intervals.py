@@ -86,7 +86,7 @@ def test_samples_are_as_far_apart_as_the_numbers_may_be_off():
     assert np.corrcoef(errors[:, 0].ravel(), errors[:, 2].ravel())[0, 1] == pytest.approx(0.25, abs=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_checkpoint_keeps_uncertainties_and_one_without_says_how_to_get_them(tmp_path):
     model = known(level=[[0.01, 0.0]], spread=0.01)
     again = WorldModel.load(model.save(tmp_path / "model"))

@@ -83,6 +83,7 @@ NOTHING: dict[str, Any] = {"estimator": {}, "renderer": {}, "dynamics": {}}
 STAGE = Relocate(steps=1, batch=8, learning_rate=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", [1, 0])
 def test_two_keypoints_on_one_part_leave_one_for_the_other(colour, data, truth):
     """Of the two, the one whose rod and slider fit the other place: the end's on the cart, the cart's on the end."""

@@ -186,7 +186,9 @@ keycld_envs.register(SLIDER, "MyLab/Slider-v0")
 
 
 @pytest.mark.render
-@pytest.mark.parametrize("command", [["keycld"], ["python", "-m", "keycld_control.cli"]])
+@pytest.mark.parametrize(
+    "command", [["keycld"], pytest.param(["python", "-m", "keycld_control.cli"], marks=pytest.mark.long)]
+)
 def test_a_system_of_ones_own(tmp_path: Path, command: list[str]) -> None:
     """Its module lies in the working folder, and workers, which are new processes, import it too."""
     (tmp_path / "my_module.py").write_text(OWN_MODULE)
