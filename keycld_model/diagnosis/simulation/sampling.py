@@ -44,5 +44,6 @@ def interpolated(q: Array, v: Array, time: Array, step: float) -> tuple[Array, A
     s = (time / step - k)[..., None]
     row = np.arange(len(q))[:, None]
     q0, q1, v0, v1 = q[row, k], q[row, k + 1], v[row, k] * step, v[row, k + 1] * step
-    at = (1 + 2 * s) * (1 - s) ** 2 * q0 + s * (1 - s) ** 2 * v0 + s**2 * (3 - 2 * s) * q1 + s**2 * (s - 1) * v1
-    return at, ((1 - s) * v0 + s * v1) / step
+    with np.errstate(invalid="ignore"):  # a rollout that flies off is infinite; whoever asked sees it
+        at = (1 + 2 * s) * (1 - s) ** 2 * q0 + s * (1 - s) ** 2 * v0 + s**2 * (3 - 2 * s) * q1 + s**2 * (s - 1) * v1
+        return at, ((1 - s) * v0 + s * v1) / step
