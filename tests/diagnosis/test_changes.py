@@ -45,7 +45,7 @@ def before() -> list[Recording]:
     return recordings("pendulum", 3, unmodelled)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_single_recording_tests_one_half_by_the_other(before: list[Recording]) -> None:
     (new,) = recordings("pendulum", 3, viscous)[8:]
     report = compared([new], before[:6])

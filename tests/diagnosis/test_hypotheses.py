@@ -23,7 +23,7 @@ def test_steps_may_be_longer_than_parts_of_a_window():
     assert np.isfinite(columns(fit, hypotheses(model, recorded_range(fit.problem.windows)))[1]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("system", ["pendulum", "acrobot"])
 def test_the_force_along_the_motion_tells_what_simulations_with_little_of_an_effect_do(system):
     model = get_system(system).compile()

@@ -98,7 +98,7 @@ def swing(model: mujoco.MjModel) -> None:
 
 
 @pytest.mark.parametrize("integrator", ["mjINT_EULER", "mjINT_RK4", "mjINT_IMPLICITFAST"])
-@pytest.mark.parametrize("name", [*REFERENCE_SYSTEMS, *(pytest.param(n, marks=pytest.mark.slow) for n in OWN)])
+@pytest.mark.parametrize("name", [*REFERENCE_SYSTEMS, *(pytest.param(n, marks=pytest.mark.long) for n in OWN)])
 def test_every_step_is_that_of_mujoco(name, integrator):
     base, rng = model_of(name), np.random.default_rng(0)
     base.opt.integrator = getattr(mujoco.mjtIntegrator, integrator)
@@ -132,7 +132,7 @@ def test_every_step_is_that_of_mujoco(name, integrator):
     assert np.max(np.abs(path[~free] - true[~free])) < 1e-6
 
 
-@pytest.mark.parametrize("name", [*REFERENCE_SYSTEMS, pytest.param("skew", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", [*REFERENCE_SYSTEMS, pytest.param("skew", marks=pytest.mark.long)])
 def test_friction_that_stops_is_that_of_a_hundred_steps_with_a_stiff_constraint(name):
     """In steps of a hundredth of the time MuJoCo's constraint can be so stiff that it hardly creeps."""
     rng, step, fine, number, steps = np.random.default_rng(0), 0.005, 100, 8, 80

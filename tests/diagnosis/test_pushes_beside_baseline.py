@@ -25,7 +25,7 @@ def push(t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
     return 0.6 * np.eye(len(v))[-1] * bell(t)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_push_in_one_run_is_found_with_its_time_and_size_and_nothing_else() -> None:
     (pushed, *_), before = sets("pendulum", push)
     quiet, _ = sets("pendulum", None)
