@@ -88,6 +88,8 @@ class Criteria:
         changed: times that a difference between two sets of recordings must gain what it gains between runs of the
             baseline; the square of Student's t goes beyond 25 once in 130 with four degrees of freedom, once
             in 950 with eight.
+        detectable: times a parameter's usual size from which a least detectable size is none: recordings do not excite
+            it, but for rounding.
         rival_share: share of what a difference gains that another may gain less and still be named beside it, since
             no form is exact.
         further_change: share of what the first difference gains that another must gain at another joint; at the same
@@ -129,6 +131,7 @@ class Criteria:
     idealised_share: float = 0.02
     residual_force: float = 15.0
     changed: float = 25.0
+    detectable: float = 1e6
     far_above_noise: float = 25.0
     vibrates: float = 0.1
     everywhere: float = 0.02

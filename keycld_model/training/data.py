@@ -60,6 +60,11 @@ class TrainingData:
         """[N*T, H, W, 3], sequence by sequence."""
         return self.frames.reshape(-1, *self.frames.shape[2:])
 
+    def spread(self, number: int) -> NDArray[np.int64]:
+        """Numbers of at most `number` frames of `flat_frames`, from all over the recordings."""
+        count = len(self.flat_frames)
+        return np.linspace(0, count - 1, min(number, count)).astype(int)
+
     @cached_property
     def mean_frame(self) -> NDArray[np.float32]:
         """[H, W, 3] mean of all frames, 0 to 1."""

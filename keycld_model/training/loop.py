@@ -326,8 +326,7 @@ class _Run:
 
     def _check_motion(self, stage: Stage, done: int, variables: Variables) -> None:
         """Refuse keypoints that stay where they are, all over the recordings; in one sequence they may."""
-        frames = self.data.flat_frames
-        sample = frames[np.linspace(0, len(frames) - 1, 64).astype(int)]
+        sample = self.data.flat_frames[self.data.spread(64)]
         spread = self._model.with_parameters(model_parameters(variables)).keypoints(sample).std(axis=0).max(axis=-1)
         if (spread < COLLAPSED).any():
             raise TrainingError(

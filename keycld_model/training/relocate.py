@@ -70,7 +70,7 @@ class Relocate(Stage):
     def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
         """Remember where keypoints are to be."""
         spare = spare_keypoint(parts, variables, data)
-        there = unexplained(parts, variables, data.flat_frames[_spread(data, TAUGHT)])
+        there = unexplained(parts, variables, data.flat_frames[data.spread(TAUGHT)])
         places = there.keypoints.reshape(len(there.place), -1, 2).copy()
         if spare is not None:
             places[:, spare] = there.place
@@ -78,7 +78,7 @@ class Relocate(Stage):
 
     def prepare(self, parts: Parts, variables: Variables, data: TrainingData) -> Context:
         """The frames that are taught, and the places in them."""
-        return {"frames": _spread(data, TAUGHT), "places": np.asarray(variables["places"])}
+        return {"frames": data.spread(TAUGHT), "places": np.asarray(variables["places"])}
 
     def draw(self, context: Context, data: TrainingData, rng: np.random.Generator) -> Batch:
         """Frames from anywhere."""
@@ -120,7 +120,7 @@ def spare_keypoint(parts: Parts, variables: Variables, data: TrainingData) -> in
     A keypoint adds what drawing gets worse by if it is where the others say (linear regression): nothing, if it rides
     on the same part as another one. Of two that do, the one is taken whose rods and sliders fit the other place better.
     """
-    frames = data.flat_frames[_spread(data, SAMPLE)]
+    frames = data.flat_frames[data.spread(SAMPLE)]
     seen = unexplained(parts, variables, frames)
     misfit: dict[int, float] = {}
     for k in range(parts.config.mechanism.num_keypoints):
@@ -158,9 +158,3 @@ def _look(parts: Parts, variables: Variables, images: Array, keypoints: Array | 
     weight = jax.nn.softmax(SHARPNESS * relative.reshape(len(x), -1), axis=1)
     place = weight @ grid(error.shape[1], error.shape[2], 1).reshape(-1, 2)
     return x, jnp.sum(error, axis=(1, 2, 3)), place, REACH**2 * there  # all of it, if it is in one pixel
-
-
-def _spread(data: TrainingData, number: int) -> NDArray[np.int64]:
-    """Numbers of frames from all over the recordings."""
-    count = len(data.flat_frames)
-    return np.linspace(0, count - 1, min(number, count)).astype(int)

@@ -24,7 +24,7 @@ from keycld_model.config import PAPER_NETWORKS
 from keycld_model.evaluation import prediction_errors
 from keycld_model.modules import Parts
 from keycld_model.places import end_rods, lean_along_rails, rails, slide_along_rods, to_keypoints, to_masses
-from keycld_model.training import PRESETS, Preset, TrainingData, TrainingError, loop, train
+from keycld_model.training import PRESETS, Preset, TrainingData, TrainingError, loop, relocate, train
 from keycld_model.training.discover import Discover
 from keycld_model.training.distil import Distil
 from keycld_model.training.fit import FitTrajectories, FitWindows
@@ -136,11 +136,12 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_weights(uninter
     assert 0 < read_checkpoint(out / "state")[1]["done"] < TINY.stages[0].steps
     with open(out / "log.jsonl", "a") as file:
         file.write('{"step": 4, "stage": "disc')  # a line that was being written
-    with pytest.MonkeyPatch.context() as patch:
-        kill_at(patch, 3, 2)
-        with pytest.raises(Killed):
-            train(dataset(), CONFIG, out, TINY, seed=3)
-    assert read_checkpoint(out / "state")[1]["stage"] == 3
+    for stage in (1, 3):
+        with pytest.MonkeyPatch.context() as patch:
+            kill_at(patch, stage, 2)
+            with pytest.raises(Killed):
+                train(dataset(), CONFIG, out, TINY, seed=3)
+        assert read_checkpoint(out / "state")[1]["stage"] == stage
     result = train(dataset(), CONFIG, out, TINY, seed=3)
     assert_same(result.model.parameters, uninterrupted.model.parameters)
     assert result.validation_vpt == uninterrupted.validation_vpt
@@ -148,6 +149,19 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_weights(uninter
     assert_same(
         read_checkpoint(out / "state")[0]["variables"], read_checkpoint(uninterrupted.folder / "state")[0]["variables"]
     )
+
+
+@pytest.mark.slow
+def test_stages_that_are_not_needed_change_nothing(uninterrupted, tmp_path, monkeypatch):
+    monkeypatch.setattr(relocate, "spare_keypoint", lambda *_: None)
+    more = (
+        relocate.Relocate(steps=2, batch=4, learning_rate=1.0),
+        relocate.Rediscover(steps=2, batch=4, learning_rate=1.0),
+    )
+    preset = replace(TINY, stages=(TINY.stages[0], *more, *TINY.stages[1:]))
+    result = train(dataset(), CONFIG, tmp_path, preset, seed=3)
+    assert_same(result.model.parameters, uninterrupted.model.parameters)
+    assert {line["stage"] for line in log_of(tmp_path)} == {stage.name for stage in TINY.stages}
 
 
 WRITER = """

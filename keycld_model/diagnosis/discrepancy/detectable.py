@@ -21,9 +21,6 @@ from keycld_model.diagnosis.inputs.checks import check
 from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.simulation.contacts import without_contacts
 
-BEYOND = 1e6
-"""Times a parameter's usual size: what would have to be larger is not excited by the recordings, but for rounding."""
-
 
 @dataclass(frozen=True)
 class Detectable:
@@ -102,7 +99,7 @@ def _of_candidate(
     ]
     out = []
     for parameter, own in zip(hypothesis.coefficients, np.median(sizes, axis=0), strict=True):
-        size, force = float(own if own < BEYOND * parameter.scale else np.inf), np.nan
+        size, force = float(own if own < criteria.detectable * parameter.scale else np.inf), np.nan
         if np.isfinite(size) and not hypothesis.effect.observes:
             little = hypothesis.effect.with_parameters(**{parameter.name: parameter.absent + parameter.scale})
             made = np.sqrt(np.mean(force_of(motion, little) ** 2, axis=(0, 1))).max() / parameter.scale
