@@ -33,6 +33,7 @@ class NetworkConfig:
         kernel_scale: standard deviation of their initial weights; None scales with the layer's width.
         linear: V(x) and g(x) have a linear term beside the network. Gravity is linear in the positions of point
             masses, torques on rods and forces on sliders are too; the network has only the rest to explain.
+        springs: beside a linear term, V(x) has a spring along each slider's rail.
         motion: what moves the keypoints: a Lagrangian under the constraints, one without them (the paper's KeyCLD-NC),
             or a network for the acceleration (NODE2).
         images: estimator and renderer: hourglasses, or with fully connected layers in the middle (the paper's FC).
@@ -50,6 +51,7 @@ class NetworkConfig:
     force_scale: float = 10.0
     kernel_scale: float | None = None
     linear: bool = True
+    springs: bool = True
     motion: Motion = "constrained"
     images: Images = "convolutional"
 
@@ -94,6 +96,7 @@ PAPER_NETWORKS = NetworkConfig(
     force_scale=1.0,
     kernel_scale=0.01,
     linear=False,
+    springs=False,
 )
 """Appendix A.4 and table 2 of the KeyCLD paper."""
 
@@ -146,7 +149,7 @@ class ModelConfig:
             InputError: if a field is missing or unknown.
         """
         try:
-            networks = dict(data["networks"])
+            networks = {"springs": False, **data["networks"]}  # checkpoints from before 2026-11-26 have none
             for name in ("gaussian_widths", "segment_widths"):
                 networks[name] = tuple(networks[name])
             missing = {f.name for f in fields(NetworkConfig)} - set(networks)

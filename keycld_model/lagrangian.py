@@ -29,6 +29,7 @@ class Lagrangian(Dynamics):
         force_scale: factor on the outputs of V and g.
         kernel_scale: standard deviation of their initial weights, or None.
         linear: give them a linear term.
+        springs: give V a spring along each rail, too.
         rngs: initialisation.
         constrained: rods and sliders hold the masses; without them this is the paper's KeyCLD-NC.
     """
@@ -40,6 +41,7 @@ class Lagrangian(Dynamics):
         force_scale: float,
         kernel_scale: float | None,
         linear: bool,
+        springs: bool,
         rngs: nnx.Rngs,
         constrained: bool = True,
     ) -> None:
@@ -48,6 +50,7 @@ class Lagrangian(Dynamics):
         self.held = mechanism if constrained else replace(mechanism, rods=(), sliders=())
         self.log_masses = nnx.Param(jnp.zeros(mechanism.num_keypoints))
         self.potential = MLP(n, hidden, 1, force_scale, kernel_scale, linear, rngs)
+        self.spring = nnx.Param(jnp.zeros(len(mechanism.sliders))) if springs and mechanism.sliders else None
         self.input = MLP(n, hidden, n * mechanism.num_actions, force_scale, kernel_scale, linear, rngs)
 
     @property
@@ -55,9 +58,27 @@ class Lagrangian(Dynamics):
         """`[K]`, positive, of sum 1."""
         return nnx.softmax(self.log_masses[...])
 
+    @property
+    def stiffness(self) -> Array:
+        """`[S]` of the spring along each slider's rail, per total mass, 1/s².
+
+        It is at rest with the keypoint at the pivot; if the real one is so elsewhere, V's linear term has the rest.
+        """
+        if self.spring is None:
+            return jnp.zeros(len(self.mechanism.sliders))
+        return self.potential.output_scale * self.spring[...]
+
     def potential_energy(self, x: Array) -> Array:
         """V(x), scalar."""
-        return self.potential(x)[0]
+        if self.spring is None:
+            return self.potential(x)[0]
+        return self.potential(x)[0] + 0.5 * self.stiffness @ self.along_rails(x) ** 2
+
+    def along_rails(self, x: Array) -> Array:
+        """`[S]` distance of each slider's keypoint from the pivot along its rail."""
+        points = x.reshape(-1, 2) - self.pivot[...]
+        along = [points[slider.keypoint] @ jnp.asarray(slider.along) for slider in self.mechanism.sliders]
+        return jnp.asarray(along, x.dtype)
 
     def input_matrix(self, x: Array) -> Array:
         """g(x), `[n, m]`: force on the keypoints per unit of each action."""

@@ -3,17 +3,17 @@
 In those of the image, lengths are image units (1 from the middle of the image to its border), masses shares of the
 total, so that forces and torques are per total mass; x is right, z up, as the camera looks. Motion alone leaves the
 scale of all forces open; where the motors of a system are declared, their power tells it, and its slides tell metres:
-in its units, joints count as the system's do, and torques are N m. The kinetic energy is the model's. Its weights
-need not be in proportion to the masses, since a real link has an inertia and a moment; MuJoCo's compensation of
-gravity, body by body, makes up the difference. Networks may bend V and g beyond what bodies under gravity and motors
-at joints can do; how much of both is left out is told.
+in its units, joints count as the system's do, and torques are N m. The kinetic energy is the model's. Its weights need
+not be in proportion to the masses, since a real link has an inertia and a moment; MuJoCo's compensation of gravity,
+body by body, makes up the difference. A spring along a rail becomes its joint's. Networks may bend V and g beyond what
+bodies under gravity and motors at joints can do; how much of both is left out is told.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,12 +27,15 @@ from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_model.added_effects import allowed_states, learned_power, weights_of
 from keycld_model.joints import joint_scales, measured, wrapped
+from keycld_model.lagrangian import Lagrangian
 from keycld_model.learned_system import LearnedSystem
 from keycld_model.places import carried
 
 Floats = NDArray[np.floating]
 SUBSTEP = 0.0025
 """s, longest step of the integrator."""
+SOFT = 0.02
+"""Share of V, root mean square, below which a spring along a rail is none."""
 COUPLED = 0.02
 """Share of a motor's largest torque, below which it is none at another joint."""
 LEFT_OUT = 0.1
@@ -60,6 +63,13 @@ class Units:
     of_system: bool
 
 
+class Spring(NamedTuple):
+    """Along a slider's rail, image units: its stiffness, and how far from the pivot it is at rest."""
+
+    stiffness: float
+    rest: float
+
+
 @dataclass(frozen=True)
 class LearnedMjcf:
     """A document, and what it cannot hold.
@@ -68,7 +78,7 @@ class LearnedMjcf:
         xml: MJCF.
         joints: names, in order.
         units: what it counts in.
-        of_potential: share of V, root mean square over configurations, that is no weight of the masses.
+        of_potential: share of V, root mean square over configurations, that is no weight of the masses and no spring.
         of_inputs: the same of g: torques that depend on the configuration.
     """
 
@@ -105,8 +115,11 @@ def learned_mjcf(model: LearnedSystem, of_system: bool = False) -> LearnedMjcf:
     x, _ = allowed_states(lagrangian.points)
     energies = np.asarray(jax.jit(jax.vmap(lagrangian.potential_energy))(x), float)
     heights = np.asarray(x, float).reshape(len(x), -1, 2)[..., 1]
-    weights = weights_of(model.masses.astype(float), heights, energies)
-    of_potential = _share(energies - heights @ weights, energies)
+    stretched = _stretched(lagrangian, x, energies)
+    weights = weights_of(model.masses.astype(float), heights, energies - stretched.sum(axis=1))
+    left = energies - stretched.sum(axis=1) - heights @ weights
+    springs, left = _springs(lagrangian, x, stretched, left)
+    of_potential = _share(left, energies)
     slopes = _slopes(model, holders, np.asarray(x, float))
     torques = np.einsum("pnj,pnm->pmj", slopes, np.asarray(jax.jit(jax.vmap(lagrangian.input_matrix))(x), float))
     gears = torques.mean(axis=0)
@@ -120,7 +133,7 @@ def learned_mjcf(model: LearnedSystem, of_system: bool = False) -> LearnedMjcf:
     joints, motors = _names(model, holders)
     plain = Units(1.0, 1.0, np.ones(len(joints)), np.zeros(len(joints)), False)
     units = _units_of_system(model, holders) if of_system else plain
-    spec = _built(model, holders, joints, weights, units)
+    spec = _built(model, holders, joints, weights, springs, units)
     slides = np.array([isinstance(holder, Slider) for _, holder in holders])
     _add_motors(spec, joints, motors, gears * units.senses / np.where(slides, units.metre, 1.0) / units.power)
     spec.compile()
@@ -239,11 +252,31 @@ def _share(left: Floats, whole: Floats) -> float:
     return float(np.std(left)) / size if size > 1e-9 else 0.0
 
 
+def _stretched(lagrangian: Lagrangian, x: Array, energies: Floats) -> Floats:
+    """`[P, S]` energy of the spring along each rail, at rest at the pivot; none of one that hardly counts."""
+    energy = 0.5 * lagrangian.stiffness * jax.vmap(lagrangian.along_rails)(x) ** 2
+    counts = np.std(energy, axis=0) > SOFT * np.std(energies)
+    return np.where(counts, np.asarray(energy, float), 0.0)
+
+
+def _springs(lagrangian: Lagrangian, x: Array, stretched: Floats, left: Floats) -> tuple[dict[Slider, Spring], Floats]:
+    """The springs that count, and what they leave of energies `[P]` that weights left, at rest where least is left."""
+    sliders, stiffness = lagrangian.mechanism.sliders, np.asarray(lagrangian.stiffness, float)
+    counts = np.flatnonzero(stretched.any(axis=0))
+    along = np.asarray(jax.vmap(lagrangian.along_rails)(x), float)[:, counts]
+    arms = np.c_[along, np.ones(len(along))]
+    pull = np.linalg.lstsq(arms, left, rcond=None)[0]
+    rests = -pull[:-1] / stiffness[counts]
+    springs = {sliders[i]: Spring(stiffness[i], float(rest)) for i, rest in zip(counts, rests, strict=True)}
+    return springs, left - arms @ pull
+
+
 def _built(
     model: LearnedSystem,
     holders: list[tuple[int, Rod | Slider]],
     joints: tuple[str, ...],
     weights: Floats,
+    springs: dict[Slider, Spring],
     units: Units,
 ) -> mujoco.MjSpec:
     """Bodies, joints, camera and light."""
@@ -271,6 +304,9 @@ def _built(
             bodies[k], ends[k] = _carriage(spec.worldbody, k, place, metre), [0.0, 0.0, 0.0]
             joint = bodies[k].add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE)
             joint.axis = [sense * holder.along[0], 0, sense * holder.along[1]]
+            if holder in springs:
+                joint.stiffness[0] = springs[holder].stiffness / (units.power * metre**2)
+                joint.springref = zero + sense * metre * springs[holder].rest
         else:
             end = [0.0, 0.0, metre * float(np.sqrt(2 * levels[holder]))]
             bodies[k], ends[k] = _link(bodies[holder.start], k, ends[holder.start], end, metre), end

@@ -120,7 +120,8 @@ def _dynamics(mechanism: Mechanism, net: NetworkConfig, rngs: nnx.Rngs) -> Dynam
     if net.motion == "acceleration":
         return AccelerationNetwork(mechanism, net.hidden, net.force_scale, net.kernel_scale, rngs)
     constrained = net.motion == "constrained"
-    return Lagrangian(mechanism, net.hidden, net.force_scale, net.kernel_scale, net.linear, rngs, constrained)
+    springs = net.identifiable and net.springs
+    return Lagrangian(mechanism, net.hidden, net.force_scale, net.kernel_scale, net.linear, springs, rngs, constrained)
 
 
 def _arrays(modules: dict[str, nnx.Module]) -> Parameters:

@@ -20,8 +20,9 @@ NORMAL_90 = 1.6448536
 class Uncertainty:
     """What identification found, with everything free that motion can tell, and how far it may be off.
 
-    Numbers are by name: "log_masses" `[K]`, "level" `[c]`, the linear terms of V and g, "potential" `[n, 1]`, "input"
-    `[n, n*m]` and "constant_input" `[n*m]`, and where masses lie beside the keypoints, "rod_scale" and "lean" `[K]`.
+    Numbers are by name: "log_masses" `[K]`, "level" `[c]`, the linear terms of V and g, "potential" `[n, 1]`,
+    "input" `[n, n*m]` and "constant_input" `[n*m]`, springs along rails, if the model has some, "spring" `[S]`, and
+    where masses lie beside the keypoints, "rod_scale" and "lean" `[K]`.
 
     Attributes:
         centre: the numbers, as arrays.
@@ -89,6 +90,7 @@ def numbers_of(parameters: Parameters, rod_scale: Any, lean: Any) -> dict[str, A
         "log_masses": dynamics["log_masses"],
         "level": dynamics["level"],
         "potential": dynamics["potential"]["linear"]["kernel"],
+        **({"spring": dynamics["spring"]} if "spring" in dynamics else {}),
         "input": dynamics["input"]["linear"]["kernel"],
         "constant_input": dynamics["input"]["linear"]["bias"],
         "rod_scale": there if rod_scale is None else rod_scale,
@@ -107,6 +109,7 @@ def with_numbers(parameters: Parameters, numbers: Mapping[str, Any]) -> Paramete
             "log_masses": numbers["log_masses"],
             "level": numbers["level"],
             "potential": {**potential, "linear": {**potential["linear"], "kernel": numbers["potential"]}},
+            **({"spring": numbers["spring"]} if "spring" in numbers else {}),
             "input": {**force, "linear": {"kernel": numbers["input"], "bias": numbers["constant_input"]}},
         },
     }

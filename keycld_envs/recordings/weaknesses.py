@@ -19,6 +19,8 @@ OFTEN = 0.02
 """Fraction of frames in which something may be too fast."""
 STILL = 1.0
 """Pixels; what varies less over all recordings stays where it is."""
+STOPPED = 0.01
+"""Fraction of frames at the end of a joint's range; each changes all motion that follows."""
 SMALLEST_JOINT = 0.05
 """rad or m; a joint that varies less over all recordings hardly moves."""
 SLOW = 128 * 128
@@ -39,7 +41,7 @@ def weaknesses(dataset: Dataset, system: System | None = None) -> Iterator[str]:
     data = dataset.sequences()
     yield from (*_amount(data), *_speed(dataset, data), *_actions(dataset, data))
     if system is not None and data.qpos is not None and data.qpos.shape[2] == len(system.joints):
-        yield from _still_keypoints(system, data.qpos)
+        yield from (*_still_keypoints(system, data.qpos), *_stops(system, data.qpos))
     else:
         yield from _still_joints(dataset, data)
 
@@ -115,6 +117,21 @@ def _still_keypoints(system: System, qpos: NDArray[np.float64]) -> list[str]:
         "or leave it out of the mechanism."
         for k in np.flatnonzero(pixels < STILL)
     ]
+
+
+def _stops(system: System, qpos: NDArray[np.float64]) -> list[str]:
+    """Joints that run into the end of their range, of which a world model knows nothing."""
+    model, found = system.compile(), []
+    for j in np.flatnonzero(model.jnt_limited):
+        low, high = model.jnt_range[j]
+        at_end = (qpos[..., j] <= low) | (qpos[..., j] >= high)
+        if at_end.mean() > STOPPED:
+            found.append(
+                f"Joint {system.joints[j].name!r} runs into the end of its range, {low:g} to {high:g}, in "
+                f"{100 * at_end.any(axis=1).mean():.0f} % of the recordings, and a world model has no end stops; widen "
+                "the range, start farther inside, or record with weaker actions."
+            )
+    return found
 
 
 def _still_joints(dataset: Dataset, data: Sequences) -> list[str]:

@@ -69,6 +69,7 @@ class Coordinates:
             "lean": variables["lean"][self.leaning],
             "level": dynamics["level"] / self._stretched_levels(scale),
             "potential": stretch.T @ dynamics["potential"]["linear"]["kernel"],
+            **({"spring": dynamics["spring"]} if "spring" in dynamics else {}),
             "input": jnp.einsum("xi,xfu,fj->iju", stretch, kernel, stretch),
             "constant_input": stretch.T @ dynamics["input"]["linear"]["bias"].reshape(n, -1),
         }
@@ -96,6 +97,7 @@ class Coordinates:
                 **potential,
                 "linear": {**potential["linear"], "kernel": back.T @ p["potential"] / total},
             },
+            **({"spring": p["spring"] / total} if "spring" in p else {}),
             "input": {**force, "linear": linear},
         }
         return {**first, "dynamics": dynamics, "rod_scale": scale, "lean": lean}

@@ -310,6 +310,8 @@ def _prior(problem: Problem, theta: Vector) -> Vector:
         "level": 1.0,
         "potential": UNKNOWN * float(jnp.abs(p["potential"]).max(initial=0.1)),
     }
+    if "spring" in p:
+        broad["spring"] = UNKNOWN * float(jnp.abs(p["spring"]).max(initial=0.1))
     broad["input"] = broad["constant_input"] = UNKNOWN * float(
         max(jnp.abs(p[name]).max(initial=0.1) for name in ("input", "constant_input"))
     )

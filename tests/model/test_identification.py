@@ -33,6 +33,8 @@ def truth(mechanism, masses):
         dynamics[name] = jax.tree.map(jnp.zeros_like, dynamics[name])
     gravity = jnp.asarray([0.0, 0.6 * masses[0], 0.0, 0.6 * masses[1]])[:, None]
     dynamics["potential"]["linear"]["kernel"] = gravity
+    if "spring" in dynamics:
+        dynamics["spring"] = jnp.zeros_like(dynamics["spring"])
     kernel, bias = np.zeros((4, 4, 2)), np.zeros((4, 2))  # position, force, action
     turn = 2.0 * np.array([[0.0, -1.0], [1.0, 0.0]])  # force (-y, x) times the torque, up to the squared length
     if mechanism is CART:
@@ -134,6 +136,21 @@ def test_sequences_that_diverge_do_no_harm_and_masses_can_be_held_in_place():
     found = identify(parts, start, seen, actions, iterations=5, slide=False)
     np.testing.assert_array_equal(found["rod_scale"], right["rod_scale"])
     np.testing.assert_allclose(parts.lagrangian(found).masses, (0.6, 0.4), atol=0.02)
+
+
+@pytest.mark.slow
+def test_a_spring_along_the_rail():
+    parts, right = truth(CART, (0.85, 0.15))
+    stretched = {**right, "dynamics": {**right["dynamics"], "spring": jnp.asarray([2.0])}}
+    seen, actions, states = motion(parts, stretched, noise=NOISE)
+    found = identify(parts, {**right, "trajectories": states}, seen, actions, iterations=10, slide=False)
+    model = parts.lagrangian(found)
+    assert float(model.stiffness[0]) == pytest.approx(20.0, rel=0.02)
+    np.testing.assert_allclose(model.masses, (0.85, 0.15), atol=0.02)
+    without = truth(CART, (0.85, 0.15))[1]
+    seen, actions, states = motion(parts, without, noise=NOISE)
+    found = identify(parts, {**stretched, "trajectories": states}, seen, actions, iterations=10, slide=False)
+    assert float(parts.lagrangian(found).stiffness[0]) == pytest.approx(0.0, abs=0.3)
 
 
 @pytest.mark.slow

@@ -29,6 +29,18 @@ def sites(model, data):
     return data.site_xpos[ids][:, [0, 2]].ravel(), (jacobians @ data.qvel)[:, [0, 2]].ravel()
 
 
+def sprung():
+    """The cartpole's model with a spring that holds the cart at a quarter of the image."""
+    world = WorldModel.load("cartpole")
+    dynamics = world.parameters["dynamics"]
+    linear = dict(dynamics["potential"]["linear"])
+    linear["kernel"] = linear["kernel"].at[0, 0].add(-0.25 * 3.0)
+    potential = {**dynamics["potential"], "linear": linear}
+    parameters = {**world.parameters, "dynamics": {**dynamics, "potential": potential, "spring": jnp.asarray([3.0])}}
+    config = replace(world.config, networks=replace(world.config.networks, springs=True))
+    return WorldModel(config, parameters)
+
+
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_it_moves_as_the_model_says(name):
     world = WorldModel.load(name)
@@ -50,6 +62,15 @@ def test_it_moves_as_the_model_says(name):
             mujoco.mj_forward(model, data)
             x, v = step(x, v, jnp.asarray(data.ctrl, jnp.float32))
             assert np.abs(np.asarray(x) - sites(model, data)[0]).max() < 0.03  # a pixel of 64 x 64
+
+
+def test_a_spring_is_written_down():
+    model = mujoco.MjModel.from_xml_string(learned_mjcf(sprung()).xml)
+    assert model.jnt_stiffness == pytest.approx([30.0, 0.0]) and model.qpos_spring[0] == pytest.approx(0.25, abs=0.02)
+    metres = mujoco.MjModel.from_xml_string(learned_mjcf(sprung(), of_system=True).xml)
+    share = model.jnt_stiffness[0] / model.body_mass.sum()
+    assert metres.jnt_stiffness[0] / metres.body_mass.sum() == pytest.approx(share, rel=1e-3)  # 1/s², in any units
+    assert not mujoco.MjModel.from_xml_string(learned_mjcf(WorldModel.load("cartpole")).xml).jnt_stiffness.any()
 
 
 def test_joints_and_motors_have_the_names_of_the_system():

@@ -83,9 +83,9 @@ def test_strong_actions_are_told_from_a_slow_camera() -> None:
     assert "--action-range 2" in said
 
 
-def test_a_keypoint_of_a_simulation_that_never_moves() -> None:
+def of_cartpole(qpos: NDArray[np.float64]) -> Dataset:
+    """A hundred recordings of the same motion [50, 2], as if of the simulation."""
     clock = np.linspace(0, 0.49, 50)
-    qpos = np.stack([np.zeros(50), np.linspace(0, 3, 50)], axis=1)  # the cart stands, the pole turns
     made = tuple(
         Recording(
             id=f"run-{i}",
@@ -102,8 +102,22 @@ def test_a_keypoint_of_a_simulation_that_never_moves() -> None:
         )
         for i in range(100)
     )
-    (said,) = weaknesses(Dataset(Path("data"), made), SYSTEMS["cartpole"])
+    return Dataset(Path("data"), made)
+
+
+def test_a_keypoint_of_a_simulation_that_never_moves() -> None:
+    still = np.stack([np.zeros(50), np.linspace(0, 3, 50)], axis=1)  # the cart stands, the pole turns
+    (said,) = weaknesses(of_cartpole(still), SYSTEMS["cartpole"])
     assert "Keypoint 0 moves by 0.0 pixels" in said
+
+
+def test_a_joint_that_runs_into_the_end_of_its_range() -> None:
+    turning = np.linspace(0, 3, 50)
+    low, high = SYSTEMS["cartpole"].compile().jnt_range[0]
+    inside, beyond = (np.stack([reach * np.sin(turning), turning], axis=1) for reach in (0.9 * high, 1.1 * high))
+    assert low == -high and list(weaknesses(of_cartpole(inside), SYSTEMS["cartpole"])) == []
+    (said,) = weaknesses(of_cartpole(beyond), SYSTEMS["cartpole"])
+    assert "'slider' runs into the end of its range" in said and "100 % of the recordings" in said
 
 
 def test_the_square_around_what_moves() -> None:
