@@ -1,4 +1,4 @@
-"""Drawn pendulums, double pendulums and cartpoles."""
+"""Drawn pendulums, double pendulums, cartpoles, and arms of any number of links."""
 
 import math
 from typing import Literal
@@ -41,7 +41,7 @@ _CART = """
 <body name="cart"><joint name="slide" type="slide" axis="1 0 0"/>
   <geom type="box" size=".2 .15 .1" mass="{mass}" rgba=".3 .5 .7 1"/>{inside}</body>
 """
-_BLUE, _SAND = ".3 .5 .7 1", ".8 .6 .3 1"
+_BLUE, _SAND, _RED = ".3 .5 .7 1", ".8 .6 .3 1", ".8 .35 .3 1"
 
 
 def drawn_mechanism(kind: Kind, seed: int) -> System:
@@ -62,6 +62,42 @@ def drawn_mechanism(kind: Kind, seed: int) -> System:
     cart = masses[1] * np.exp(rng.uniform(np.log(1.5), np.log(8.0)))
     gears = strength * [6 * (cart + masses[1]), weight[1]] / 3
     return _cartpole(f"{kind}-{seed}", lengths[1], (cart, masses[1]), gears)
+
+
+def drawn_arm(links: int, seed: int) -> System:
+    """A fully driven chain of links with drawn lengths (m), masses (kg) and motors.
+
+    A motor is .7 to 1.3 times as strong as what holds all links that it carries level.
+
+    Args:
+        links: how many.
+        seed: of lengths, masses and motors.
+    """
+    rng = np.random.default_rng((seed, len(KINDS), links))
+    lengths, masses = rng.uniform(0.5, 1.0, links), np.exp(rng.uniform(np.log(0.4), np.log(2.5), links))
+    weights = GRAVITY * masses
+    holding = [sum(weights[j] * (lengths[i:j].sum() + lengths[j] / 2) for j in range(i, links)) for i in range(links)]
+    strength, joints = rng.uniform(0.7, 1.3, links), [f"joint_{i}" for i in range(links)]
+    inside, colours, radius = "", (_BLUE, _SAND, _RED), 0.04 * lengths.sum()
+    for i in reversed(range(links)):
+        at = 0.0 if i == 0 else lengths[i - 1]
+        inside = _link(f"link_{i}", joints[i], lengths[i], masses[i], radius, colours[i % 3], at=at, inside=inside)
+    gears = {joint: gear / 3 for joint, gear in zip(joints, strength * holding, strict=True)}
+    step = 0.02 if links == 1 else 0.01
+    return System(
+        name=f"arm-{links}-{seed}",
+        mjcf=_document(step, lengths.sum(), inside, gears),
+        joints=tuple(Joint(joint, "hinge", _ROUND) for joint in joints),
+        actuators=tuple(joints),
+        mechanism=Mechanism(
+            num_keypoints=links, num_actions=links, rods=tuple(Rod(i - 1 if i else None, i) for i in range(links))
+        ),
+        landmarks=tuple(Landmark(f"link_{i}", (0, 0, lengths[i])) for i in range(links)),
+        camera="front",
+        timestep=step,
+        target_qpos=(0.0,) * links,
+        hanging_qpos=(math.pi, *(0.0,) * (links - 1)),
+    )
 
 
 def _pendulum(name: str, length: float, mass: float, gear: float) -> System:
