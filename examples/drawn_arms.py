@@ -60,7 +60,7 @@ def measure(system: System, recordings: int, args: Args) -> dict[str, Any]:
     collect(training, CollectSettings(env_id, seed=args.seed), recordings)
     collect(held_out, CollectSettings(env_id, seed=args.seed + 1_000_000), args.held_out)
     dataset, started = read_dataset(training), time.process_time()
-    config = ModelConfig.of(dataset, system.mechanism, None, PRESETS[args.preset].networks)
+    config = ModelConfig.of(dataset, system.mechanism, env_id, PRESETS[args.preset].networks)
     found: dict[str, Any] = {"arm": system.name, "recordings": recordings, "preset": args.preset}
     found["weaknesses"] = list(weaknesses(dataset, system))
     run = folder / f"{args.preset}-{recordings}"

@@ -26,6 +26,8 @@ DRIFT = 0.2
 """rad or m within a second, from a hundredth beside `hanging_qpos`; beyond, it is no stable equilibrium."""
 ACCELERATION = 0.05
 """rad/s² or m/s² at `hanging_qpos`; beyond, it is no equilibrium."""
+SPARE = 0.1
+"""Share of half a motor's range that should be left when it holds the target."""
 HALVINGS = 8
 
 
@@ -121,8 +123,9 @@ def problems(system: System, poses: Poses, found: tuple[Actuator, ...]) -> Itera
     yield from _at_target(poses)
 
 
-def advice(system: System, seed: int, usual: Speed) -> Iterator[str]:
-    """How to record what is too fast or too slow by default, a sentence each."""
+def advice(system: System, seed: int, poses: Poses, usual: Speed) -> Iterator[str]:
+    """What makes the target hard to hold, and how to record what is too fast or slow by default, a sentence each."""
+    yield from _hard_to_hold(poses)
     if usual.travel < SLOWEST:
         yield (
             f"Keypoints move {usual.travel:.1f} pixels within {FRAMES} frames, which is little to learn from; record "
@@ -179,12 +182,58 @@ def _at_rest(poses: Poses) -> Iterator[str]:
 
 def _at_target(poses: Poses) -> Iterator[str]:
     """Whether motors can hold the target against gravity and springs."""
+    system = poses.system
+    if (holding := _holding(poses)) is None:
+        return
+    action, left, needed = holding
+    if left.max() > 1e-3 * max(1.0, np.abs(needed).max()):
+        yield (
+            f"The target cannot be held: no action balances joint {system.joints[int(left.argmax())].name!r} at "
+            "target_qpos; choose an equilibrium, or add an actuator."
+        )
+        return
+    for i, low, high in _limits(system):
+        if not low <= action[i] <= high:
+            yield (
+                f"The target cannot be held: actuator {system.actuators[i]!r} would need {action[i]:.3g} at "
+                f"target_qpos, its range is {low:g} to {high:g}; widen its range, or choose another target."
+            )
+
+
+def _hard_to_hold(poses: Poses) -> Iterator[str]:
+    """Whether holding the target leaves motors something to steer with."""
+    if (holding := _holding(poses)) is None:
+        return
+    action, *_ = holding
+    for i, low, high in _limits(poses.system):
+        spare = min(action[i] - low, high - action[i]) / ((high - low) / 2)
+        if 0 <= spare < SPARE:
+            yield (
+                f"Holding the target takes {action[i]:.3g} of actuator {poses.system.actuators[i]!r}, whose range is "
+                f"{low:g} to {high:g}, which leaves little to steer with; widen its range, or choose another target."
+            )
+
+
+def _limits(system: System) -> list[tuple[int, float, float]]:
+    """Index, least and greatest action of every limited actuator."""
+    model = Simulation(system, None, ()).model
+    limited = np.flatnonzero(model.actuator_ctrllimited)
+    return [
+        (int(i), float(low), float(high))
+        for i, (low, high) in zip(limited, model.actuator_ctrlrange[limited], strict=True)
+    ]
+
+
+def _holding(
+    poses: Poses,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+    """Action [m] that balances the target best, what it leaves and what is needed [nv], N m or N; None if unknown."""
     system, model, data = poses.system, poses.model, mujoco.MjData(poses.model)
     plain = (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE) & (
         model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE
     )
     if not plain.all() or not model.nu:
-        return
+        return None
     data.qpos[:] = system.target_qpos
     mujoco.mj_forward(model, data)
     needed = data.qfrc_bias - data.qfrc_passive
@@ -194,18 +243,4 @@ def _at_target(poses: Poses) -> Iterator[str]:
     )
     gains = moments.T * model.actuator_gainprm[:, 0]
     action, *_ = np.linalg.lstsq(gains, needed, rcond=None)
-    left = np.abs(gains @ action - needed)
-    if left.max() > 1e-3 * max(1.0, np.abs(needed).max()):
-        yield (
-            f"The target cannot be held: no action balances joint {system.joints[int(left.argmax())].name!r} at "
-            "target_qpos; choose an equilibrium, or add an actuator."
-        )
-        return
-    limits = Simulation(system, None, ()).model
-    for i in np.flatnonzero(limits.actuator_ctrllimited):
-        low, high = limits.actuator_ctrlrange[i]
-        if not low <= action[i] <= high:
-            yield (
-                f"The target cannot be held: actuator {system.actuators[i]!r} would need {action[i]:.3g} at "
-                f"target_qpos, its range is {low:g} to {high:g}; widen its range, or choose another target."
-            )
+    return action, np.abs(gains @ action - needed), needed

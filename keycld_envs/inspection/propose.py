@@ -18,6 +18,8 @@ HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE
 LONG = int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 SLIDE_RANGE = 0.5
 """m to both sides, of a slide joint without limits."""
+INSIDE = 0.5
+"""Share of a limited joint's range, about its middle, in which recordings start; world models know no end stops."""
 STEP = 0.01
 """Seconds from frame to frame, or the nearest multiple of the document's time step."""
 DAMPING, SETTLING = 3.0, 30.0
@@ -162,7 +164,7 @@ def _text(model: mujoco.MjModel, camera: str, found: _Proposal, mjcf: str) -> st
     for i in range(model.njnt):
         hinge = model.jnt_type[i] == HINGE
         bounds = (
-            tuple(model.jnt_range[i])
+            tuple(model.jnt_range[i].mean() + INSIDE / 2 * np.diff(model.jnt_range[i])[0] * np.array([-1, 1]))
             if model.jnt_limited[i]
             else (-math.pi, math.pi)
             if hinge
@@ -170,6 +172,8 @@ def _text(model: mujoco.MjModel, camera: str, found: _Proposal, mjcf: str) -> st
         )
         joints.append(f"Joint({model.joint(i).name!r}, {'hinge' if hinge else 'slide'!r}, {_numbers(bounds)})")
     actuators = "".join(f"{model.actuator(i).name!r}, " for i in range(model.nu))
+    rest = _rest(model)
+    target = tuple(0.0 if kind == HINGE else at for kind, at in zip(model.jnt_type, rest, strict=True))
     step = model.opt.timestep * max(1, round(STEP / model.opt.timestep))
     rods, sliders, landmarks = (", ".join([*each, ""]) for each in (found.rods, found.sliders, found.landmarks))
     return f'''"""A mechanism of {mjcf}; `keycld check` says what does not fit."""
@@ -201,7 +205,7 @@ system = System(
     # Seconds from frame to frame, and from action to action.
     timestep={step:.6g},
     # Where to go, and where it hangs still: one number per joint, rad or m.
-    target_qpos={_numbers(tuple(0.0 for _ in joints))},
-    hanging_qpos={_numbers(_rest(model))},
+    target_qpos={_numbers(target)},
+    hanging_qpos={_numbers(rest)},
 )
 '''

@@ -66,7 +66,8 @@ def test_a_pendulum_on_a_moving_pivot(tmp_path: Path) -> None:
     system = proposed(tmp_path, MOVING_PIVOT)
     assert system.mechanism.rods == (Rod(0, 1),)
     assert abs(system.mechanism.sliders[0].normal[0]) == pytest.approx(1)
-    assert system.joints[0].start_range == (-0.5, 0.5)
+    assert system.joints[0].start_range == (-0.25, 0.25)  # the middle half, off the end stops
+    assert system.target_qpos == pytest.approx((-1.2 * 9.81 / 40, 0), abs=1e-3)  # up, where the spring holds it
     assert system.hanging_qpos == pytest.approx((-1.2 * 9.81 / 40, math.pi), abs=1e-3)  # its weight on its spring
     assert inspect(system).problems == ()
 
@@ -96,7 +97,9 @@ def test_the_normal_that_would_fit_is_named(tmp_path: Path) -> None:
 def test_a_target_that_motors_can_just_hold(tmp_path: Path) -> None:
     system = replace(proposed(tmp_path, MOVING_PIVOT), target_qpos=(0.0, math.pi))
     needed = 1.2 * 9.81 / 4  # the weight by the gear
-    assert inspect(replace(system, action_limit=1.01 * needed)).problems == ()
+    just = inspect(replace(system, action_limit=1.01 * needed))
+    assert just.problems == () and "leaves little to steer with" in just.warnings[0]
+    assert inspect(replace(system, action_limit=1.2 * needed)).warnings == ()
     (problem,) = inspect(replace(system, action_limit=0.99 * needed)).problems
     assert f"{needed:.3g}" in problem
 
