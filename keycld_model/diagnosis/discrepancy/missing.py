@@ -276,13 +276,14 @@ def _plausible(effect: Effect) -> bool:
 
 
 def _folds(motion: Motion) -> NDArray[np.int64]:
-    """A fold per recording; recordings are parted in time where there are fewer than six."""
+    """A fold per recording; fewer than six are parted in time, with as many windows with motion in each part."""
     recording = np.unique(motion.windows.recording, return_inverse=True)[1]
     count, fewest = int(recording.max()) + 1, 6
     if count >= fewest:
         return recording
     parts, fold = -(-fewest // count), np.zeros(len(recording), np.int64)
     for r in range(count):
-        own = np.flatnonzero(recording == r)
-        fold[own] = r * parts + np.minimum(np.arange(len(own)) * parts // len(own), parts - 1)
+        own = recording == r
+        before = np.cumsum(motion.moves[own]) - motion.moves[own]  # windows with motion
+        fold[own] = r * parts + np.minimum(before * parts // max(int(motion.moves[own].sum()), 1), parts - 1)
     return np.unique(fold, return_inverse=True)[1]

@@ -120,7 +120,7 @@ def _closer(motion: Motion, recordings: Sequence[Recording], model: mujoco.MjMod
 
 
 def _far_above_noise(motion: Motion, terms: Sequence[Term], columns: Columns, criteria: Criteria) -> bool:
-    """Whether a quarter of the windows stay far above the sensors' noise, whatever is fitted to first order.
+    """Whether a quarter of the windows with motion stay far above noise, whatever is fitted to first order.
 
     Then no set of effects leaves noise, and a search that weighs them by noise takes long and tells nothing.
     """
@@ -135,7 +135,7 @@ def _far_above_noise(motion: Motion, terms: Sequence[Term], columns: Columns, cr
     rest = white - basis @ (np.swapaxes(basis, 1, 2) @ white)
     samples, fitted = rest.shape[1], basis.shape[2] + (white.shape[2] - 1) / len(white)
     squares = robust_squares(rest, max(samples - fitted, LEAST_FREE * samples))
-    return bool(np.percentile(squares, 75) > criteria.far_above_noise)
+    return bool(np.percentile(squares[motion.moves], 75) > criteria.far_above_noise)
 
 
 def _findings(missing: Missing, best: Tried, fit: Fit, model: mujoco.MjModel) -> list[Finding]:
