@@ -250,13 +250,14 @@ class _Sets:
         """With the steps of the bar that the search takes in all."""
         self._advance, self._budget, self._left, self._number, self._done = advance, budget, total, 0, False
 
-    def refined(self, scored: Scored) -> None:
-        """Show one more set."""
-        self._number += 1
-        steps = 1 if self._left > 1 else 0
-        self._left -= steps
-        names = " + ".join(f"{e.id} at {e.where}" for e in scored.fit.effects) or "nothing"
-        self._advance(steps, f"searching: set {self._number}, {names}")
+    def refined(self, scored: Scored | None) -> None:
+        """Show one more set, if one was refined, and see whether there is time for more."""
+        if scored is not None:
+            self._number += 1
+            steps = 1 if self._left > 1 else 0
+            self._left -= steps
+            names = " + ".join(f"{e.id} at {e.where}" for e in scored.fit.effects) or "nothing"
+            self._advance(steps, f"searching: set {self._number}, {names}")
         if not self._done:
             self._budget.check(self._number)
 

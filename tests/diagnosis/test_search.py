@@ -109,7 +109,7 @@ def test_no_effect_stands_twice_in_a_set():
     simulator = Simulator(KeyCLDEnv("pendulum", obs_type="state").model, 0.01)
     problem = problem_of(simulator, runs)
     others, sets = {kind.id for kind in EFFECTS.values()} - {"actuator_lag", "actuator_delay"}, []
-    search = Search(problem, others, refined=lambda scored: sets.append(scored.fit.effects))
+    search = Search(problem, others, refined=lambda scored: sets.append(scored.fit.effects) if scored else None)
     late = ActuatorLag("torque", lag=0.02), ActuatorDelay("torque", d=0.02)
     best = search.refine(problem.start().with_effects(*late))
     sets.clear()

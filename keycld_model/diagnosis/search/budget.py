@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 from keycld_envs.checks import short
 from keycld_envs.errors import InputError
 
+SEARCH = 0.6
+"""Share of a budget after which nothing long is begun: what was found is then tested on held-out recordings."""
+
 
 class OutOfTime(Exception):
     """The budget is spent."""
@@ -35,11 +38,11 @@ class Budget:
 
     @property
     def spent(self) -> bool:
-        """Whether no seconds are left."""
-        return self.seconds is not None and time.monotonic() - self._begun > self.seconds
+        """Whether the seconds are over that may be spent before what was found is tested."""
+        return self.seconds is not None and time.monotonic() - self._begun > SEARCH * self.seconds
 
     def check(self, number: int) -> None:
-        """End a search once, after a number of sets of effects, if no seconds are left.
+        """End a search once, after a number of sets of effects, if it is time to.
 
         Raises:
             OutOfTime: if so, for the first time; what follows is short.

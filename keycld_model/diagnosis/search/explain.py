@@ -22,7 +22,7 @@ from keycld_model.diagnosis.search.residual_fit import fit_residual_force
 from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
-Refined = Callable[[Scored], None]
+Refined = Callable[[Scored | None], None]
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,8 @@ def explain_either(accurate: Fit, own: Fit, refined: Refined, budget: Budget) ->
     Args:
         accurate: nuisances fitted with an accurate integrator.
         own: with the model's; the same fit if there is none.
-        refined: called with every set that was refined; raises OutOfTime when there is no time for more.
+        refined: called with every set that was refined, and with None before each that is glanced at; raises OutOfTime
+            when there is no time for more.
         budget: of seconds.
     """
     if own is accurate:

@@ -30,7 +30,7 @@ class Search:
         found: best fit of each set of effects and places.
         dispersion: nats of a fit that count as one, because even the best set leaves more than noise.
         restarts: transmissions are looked for from many starts.
-        refined: called with every set that was refined.
+        refined: called with every set that was refined, and with None before each that is glanced at.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Search:
         most_effects: int | None = None,
         gained: float = 0.0,
         restarts: bool = True,
-        refined: Callable[[Scored], None] = lambda scored: None,
+        refined: Callable[[Scored | None], None] = lambda scored: None,
     ) -> None:
         """A search for a number of effects at most.
 
@@ -50,7 +50,7 @@ class Search:
             most_effects: in a set; by default those of the criteria.
             gained: nats that were gained by what it starts with; they count for what is material.
             restarts: look for transmissions from many starts.
-            refined: called with every set that was refined.
+            refined: called with every set that was refined, and with None before each that is glanced at.
         """
         self.problem, self.gained, self.restarts, self.refined = problem, gained, restarts, refined
         self.most_effects = problem.criteria.sizes.effects if most_effects is None else most_effects
@@ -179,11 +179,16 @@ class Search:
         free = [h for h in self.hypotheses if h.key not in used]
         sizes = range(1, min(largest, self.most_effects - len(scored.keys)) + 1)
         sets = promising(fit, free, {size: EFFORT.sets[size - 1] for size in sizes})
-        glances = [Scored.of(minimise(fit.problem, fit.point.with_effects(*effects), 3)) for effects in sets]
+        glances = [self._glanced(fit, effects) for effects in sets]
         glances.sort(key=score_of)
         best = {len(s.fit.effects): s for s in reversed(glances)}  # of each size
         chosen = {id(s): s for s in (*best.values(), *glances[: EFFORT.finalists])}
         return [self.refine(scored.fit.point.with_effects(*s.fit.effects)) for s in chosen.values()]
+
+    def _glanced(self, fit: Fit, effects: Sequence[Effect]) -> Scored:
+        """A set of effects after a few steps."""
+        self.refined(None)
+        return Scored.of(minimise(fit.problem, fit.point.with_effects(*effects), 3))
 
     def _sample(self, fit: Fit, fewest: int = EFFORT.sample_windows) -> Fit:
         """The fit on a share of the windows, of all degrees of misfit."""
