@@ -7,6 +7,12 @@ from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Column
+
+RATE_OVER = 3600.0
+"""s; steps of a bar may be minutes apart, and what is left is estimated from those within this time."""
+CLOCK = 7
+"""Characters of "0:00:00"."""
 
 
 class Advance(Protocol):
@@ -32,14 +38,16 @@ def progress(title: str, total: int) -> Iterator[Advance]:
     """
     console = Console(stderr=True)
     bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
+        TextColumn("{task.description}", table_column=Column(no_wrap=True)),
+        BarColumn(bar_width=16),
+        MofNCompleteColumn(table_column=Column(no_wrap=True)),
+        TimeElapsedColumn(Column(no_wrap=True, min_width=CLOCK)),
+        TextColumn("left", table_column=Column(no_wrap=True, min_width=4)),
+        TimeRemainingColumn(table_column=Column(no_wrap=True, min_width=CLOCK)),
+        TextColumn("{task.fields[note]}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
         console=console,
+        expand=True,
+        speed_estimate_period=RATE_OVER,
         disable=not (sys.stderr.isatty() and console.is_interactive),  # a terminal, and none that is dumb
     )
     with bar:

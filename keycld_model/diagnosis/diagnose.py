@@ -11,6 +11,7 @@ from keycld_envs.recordings import Recording
 from keycld_model.delan.model import JointModel
 from keycld_model.delan.rig import learned_dynamics
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
+from keycld_model.diagnosis.discrepancy.checks import check_alike
 from keycld_model.diagnosis.discrepancy.compare import compare
 from keycld_model.diagnosis.discrepancy.motion import MOST
 from keycld_model.diagnosis.discrepancy.one_set import lacking
@@ -139,6 +140,7 @@ def _changed(
     budget: Budget,
 ) -> Report:
     """What is different since the baseline."""
+    check_alike(recordings, baseline)
     observation = JointPositions(model, criteria=criteria)
     check([*recordings, *baseline], model, observation, MOST)
     bare = without_contacts(model, [*recordings, *baseline], observation)

@@ -184,7 +184,7 @@ class Gate:
         diagnoses: files by the name of the diagnosis; each is one call.
         expectations: all must be met.
         tracked: positions were read off a video.
-        plotted: length of the rollouts that are drawn, s; None for no plots.
+        plotted: length of the rollouts that are drawn, s.
     """
 
     name: str
@@ -193,7 +193,7 @@ class Gate:
     diagnoses: Mapping[str, DataSplit]
     expectations: Sequence[Expectation]
     tracked: bool = False
-    plotted: float | None = None
+    plotted: float = 1.0
 
     @property
     def required(self) -> str:

@@ -32,8 +32,7 @@ def run(gate: AnyGate, folder: Path, running: Running = ALL) -> GateResult:
         for name, parts in recordings.items():
             diagnosed[name] = _diagnosed(gate, name, parts, folder)
         outcome = _outcome(gate, diagnosed)
-        if gate.plotted is not None:
-            drawn = [c for d in diagnosed.values() for c in curves(d.report, d.model, d.held_out, gate.plotted)]
+        drawn = [c for d in diagnosed.values() for c in curves(d.report, d.model, d.held_out, gate.plotted)]
     except Exception as failure:
         error, outcome = failure, Outcome.failed(failure)
     return GateResult.of(gate, outcome, start, {name: d.report for name, d in diagnosed.items()}, error, drawn)

@@ -52,12 +52,12 @@ def standing(left: Array, spread: Array, known: NDArray[np.bool_]) -> Standing:
     for duration in DURATIONS:
         t = np.arange(-round(0.75 * duration / STEP), round(0.75 * duration / STEP) + 1) * STEP
         bell = np.exp(-0.5 * (4 * t / duration) ** 2)[:, None]
-        energy = np.maximum(fftconvolve(weight, bell**2, "same", axes=0), 1e-9 * weight.max())
+        energy = np.maximum(fftconvolve(weight, bell**2, "same", axes=0), max(1e-9 * weight.max(), 1e-300))
         height = fftconvolve(weight * left, bell, "same", axes=0) / energy
         deviation = fftconvolve(weight * spread, bell, "same", axes=0) / energy
         seen = fftconvolve(known[:, None].astype(float), bell**2, "same", axes=0) > SEEN * (bell**2).sum()
         scores.append(np.where(seen, height / np.maximum(deviation, 1e-12), 0.0))
         heights.append(height)
         gains.append(height**2 * energy)
-    whole = np.sqrt(np.mean(np.minimum((left / spread)[known] ** 2, 1.0), axis=0))
+    whole = np.sqrt(np.mean(np.minimum((left / spread)[known] ** 2, 1.0), axis=0)) if known.any() else 1.0
     return Standing(np.array(scores) / whole, np.array(heights), np.array(gains), left)

@@ -2,18 +2,27 @@
 
 from collections.abc import Mapping, Sequence
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
+from keycld_model.diagnosis.discrepancy.motion import MOVES, Motion
 from keycld_model.diagnosis.inputs.prepare import spacing
+
+HINGE = mujoco.mjtJoint.mjJNT_HINGE
 
 
 def check_alike(recordings: Sequence[Recording], baseline: Sequence[Recording]) -> None:
     """Raise InputError if a baseline does not suit recordings of the same simulator, with both named."""
     check_runs(len(baseline))
     new, old = recordings[0], baseline[0]
+    if new.joint_names != old.joint_names:
+        raise InputError(
+            f"Recording {new.id!r} has the joints {list(new.joint_names)}, the baseline {old.id!r} has "
+            f"{list(old.joint_names)}; compare recordings of the same joints, in the same order."
+        )
     if new.actuator_names != old.actuator_names:
         raise InputError(
             f"Recording {new.id!r} has the actuator_names {list(new.actuator_names)}, the baseline {old.id!r} has "
@@ -58,6 +67,30 @@ def check_overlap(beyond: Mapping[str, float]) -> None:
             f"For {100 * share:.0f} % of the time, the {worst} in the recordings is beyond what the "
             "baseline has; excite both alike, so that they can be compared."
         )
+
+
+def check_motion(motion: Motion, baseline: NDArray[np.bool_]) -> None:
+    """Raise InputError if hardly anything moves in new recordings, where it does in the baseline.
+
+    Args:
+        motion: of both.
+        baseline: `[W]` its windows.
+    """
+    still, travel = held_still(motion, baseline), motion.travel
+    if still.all():
+        j = int(np.argmax(travel[baseline].max(axis=0)))
+        name, unit = motion.model.joint(j).name, "rad" if motion.model.jnt_type[j] == HINGE else "m"
+        old, new = (np.percentile(travel[own, j], 90) for own in (baseline, ~baseline))
+        raise InputError(
+            f"The recordings hardly move: {name} by {new:.2g} {unit} within a window, where the baseline moves it by "
+            f"{old:.2g}; excite both alike, so that they can be compared."
+        )
+
+
+def held_still(motion: Motion, baseline: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """`[nv]` joints that move in the baseline, and hardly in new recordings."""
+    old, new = (np.percentile(motion.travel[own], 90, axis=0) for own in (baseline, ~baseline))
+    return new < MOVES * old
 
 
 def check_enough(comparable: NDArray[np.bool_], new: NDArray[np.bool_]) -> None:

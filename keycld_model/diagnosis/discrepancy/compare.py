@@ -11,7 +11,7 @@ from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.candidates import Columns
 from keycld_model.diagnosis.discrepancy.changes import Contest, Key
-from keycld_model.diagnosis.discrepancy.checks import check_alike, check_enough, check_overlap
+from keycld_model.diagnosis.discrepancy.checks import check_enough, check_motion, check_overlap
 from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
 from keycld_model.diagnosis.discrepancy.following import followed
 from keycld_model.diagnosis.discrepancy.motion import Motion
@@ -81,19 +81,19 @@ def compare(
 
     Args:
         recordings: new ones.
-        baseline: of the same mechanism before.
+        baseline: of the same mechanism before; see `checks.check_alike`.
         model: the simulator.
         criteria: thresholds.
         advance: of a progress bar of 100 steps.
         leaves_out: whether there is no time for something, which it then notes.
 
     Raises:
-        InputError: if the sets are not alike, the baseline is a single run, or their excitations do not overlap.
+        InputError: if hardly anything moves in the new ones, or the excitations of both do not overlap.
     """
-    check_alike(recordings, baseline)
     advance(0, "following the motion")
     motion, terms, discrepancy = followed([*baseline, *recordings], len(baseline), model, criteria)
     of_baseline = motion.windows.recording < len(baseline)
+    check_motion(motion, of_baseline)
     anywhere = beyond_baseline(motion, of_baseline)
     beyond = {channel: float(b[~of_baseline].mean()) for channel, b in anywhere.items()}
     check_overlap(beyond)

@@ -133,8 +133,12 @@ class Motion:
     @property
     def moves(self) -> NDArray[np.bool_]:
         """`[W]` windows in which some joint is not held still."""
-        travel = np.ptp(self.q, axis=1)
-        return np.any(travel >= MOVES * np.percentile(travel, 90, axis=0), axis=1)
+        return np.any(self.travel >= MOVES * np.percentile(self.travel, 90, axis=0), axis=1)
+
+    @property
+    def travel(self) -> Array:
+        """`[W, nv]` how far joints move, rad or m."""
+        return np.ptp(self.q, axis=1)
 
     @property
     def misfit(self) -> Array:

@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from keycld_envs.effects import ConstantForce, CoulombFriction, Effect, ExternalPulse, ViscousFriction
 from keycld_model.diagnosis.criteria import Criteria
+from keycld_model.diagnosis.discrepancy.checks import held_still
 from keycld_model.diagnosis.discrepancy.compare import Comparison
 from keycld_model.diagnosis.discrepancy.detectable import found_from
 from keycld_model.diagnosis.discrepancy.rollouts import enough, error_over, fit_errors, rollouts, unexplained
@@ -59,10 +60,12 @@ def report_of(
     verdict = _verdict(found, errors, perhaps)
     if verdict == "no_mismatch" and not_tried:
         verdict = "undetermined"
-    seen = _friction_found(found, model, criteria) if verdict == "no_mismatch" else None
+    of_baseline = found.motion.windows.recording < runs
+    still = [model.joint(int(j)).name for j in np.flatnonzero(held_still(found.motion, of_baseline))]
+    seen = _friction_found(found, model, criteria, still) if verdict == "no_mismatch" else None
     return Report(
         verdict=verdict,
-        headline=changed_headline(verdict, findings, errors, runs, perhaps, seen, not_tried),
+        headline=changed_headline(verdict, findings, errors, runs, perhaps, seen, not_tried, still),
         findings=findings,
         nuisance=nuisance_of(rolled.refitted),
         unexplained=unexplained(found.motion, found.discrepancy, errors, LEFT),
@@ -71,8 +74,8 @@ def report_of(
         baseline=list(ids),
         common=_common(found, model, runs),
         beyond_baseline=notable(found.beyond),
-        details=_details(found, rolled.refitted),
-        evidence=evidence(model, (rolled.before, rolled.after), (rolled.before, rolled.after), of_sensors=False),
+        details={**_details(found, rolled.refitted), "held_still": still},
+        evidence=evidence(model, (rolled.before, rolled.after), (rolled.before, rolled.after), False, rolled.refitted),
     )
 
 
@@ -89,15 +92,17 @@ def _perhaps(found: Comparison, criteria: Criteria) -> str | None:
     return f"{in_sentence(ExternalPulse.id)} at {model.joint(int(model.dof_jntid[found.faint.dof])).name}"
 
 
-def _friction_found(found: Comparison, model: mujoco.MjModel, criteria: Criteria) -> dict[str, str]:
-    """Dry friction that would have been found, by joint, in words."""
+def _friction_found(
+    found: Comparison, model: mujoco.MjModel, criteria: Criteria, still: Sequence[str]
+) -> dict[str, str]:
+    """Dry friction that would have been found, by joint that is not held still, in words."""
     contest, out = found.contest, {}
     for candidate in contest.candidates:
         effect = candidate.hypothesis.effect
         if effect.id == CoulombFriction.id:
             chance = found.chance.get(candidate.key, 0.0)
             (least,) = found_from(candidate, contest, contest.baseline, contest.new, chance, criteria)
-            if np.isfinite(least):
+            if np.isfinite(least) and effect.where not in still:
                 (size,) = estimates(effect.with_parameters(c=float(least)), [0.0], model).values()
                 out[effect.where] = f"{least:.2g} {size.unit}"
     return out

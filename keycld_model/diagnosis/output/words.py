@@ -127,6 +127,7 @@ def changed_headline(
     perhaps: str | None = None,
     seen: Mapping[str, str] | None = None,
     not_tried: Sequence[str] = (),
+    still: Sequence[str] = (),
 ) -> str:
     """What changed since a baseline, in one sentence.
 
@@ -138,6 +139,7 @@ def changed_headline(
         perhaps: an effect at its place that may have changed, where too little speaks for it.
         seen: dry friction that would have been found, by joint, with its unit, where nothing changed.
         not_tried: what there was no time for.
+        still: joints that hardly move in the new recordings.
     """
     if not findings:
         if perhaps is not None:
@@ -150,10 +152,11 @@ def changed_headline(
         if verdict == "undetermined":
             return "Some of the new recordings differ from the baseline, and others do not, or not in the same way."
         sizes = " or ".join(f"{size} at {joint}" for joint, size in (seen or {}).items())
+        untold = f" Nothing is told of {' and '.join(still)}, which hardly moves in them." if still else ""
         would = f" Of dry friction, {sizes} more would have been found." if seen else ""
         return (
             f"Nothing has changed: the recordings differ no more than the {runs} runs of the baseline among themselves."
-            f"{would}"
+            f"{would}{untold}"
         )
     pushes = [f for f in findings if f.effect == ExternalPulse.id]
     what = _few(findings) if len(findings) < 3 else _many(findings)

@@ -27,6 +27,7 @@ class Rollout:
         corrected: `[n, m]` with the findings added.
         poses: `[3, n, nv]` joint positions of these three, rad or m, as far as the channels tell them.
         starts: `[k]` indices of samples at which rollouts begin, with initial states fitted.
+        baseline: it is of the baseline, which nothing is added to.
     """
 
     recording: str
@@ -36,6 +37,7 @@ class Rollout:
     corrected: Array
     poses: Array
     starts: NDArray[np.int64]
+    baseline: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class Residuals:
         before: `[n, m]` measured minus refitted simulator over the sensor's noise; NaN where missing.
         after: `[n, m]` the same with the findings added.
         starts: `[k]` indices of samples at which windows begin, with initial states fitted.
+        baseline: it is of the baseline, which nothing is added to.
     """
 
     recording: str
@@ -55,6 +58,7 @@ class Residuals:
     before: Array
     after: Array
     starts: NDArray[np.int64]
+    baseline: bool = False
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,11 @@ class Evidence:
 
 
 def evidence(
-    nominal: mujoco.MjModel, windows: tuple[Fit, Fit], rollouts: tuple[Fit, Fit], of_sensors: bool = True
+    nominal: mujoco.MjModel,
+    windows: tuple[Fit, Fit],
+    rollouts: tuple[Fit, Fit],
+    of_sensors: bool = True,
+    baseline: Fit | None = None,
 ) -> Evidence:
     """Gather it from fits.
 
@@ -120,7 +128,9 @@ def evidence(
         windows: refitted and corrected, of training recordings.
         rollouts: refitted and corrected, of held-out recordings.
         of_sensors: residuals are over the noise of sensors, not over the error that is expected of a model.
+        baseline: refitted, of recordings that others are compared with.
     """
+    before = [] if baseline is None else [(baseline, baseline)]
     chosen = windows[1]
     seen = chosen.problem.windows.observation
     simulator, bare = chosen.problem.simulator, replace(chosen.point.variant, effects=())
@@ -131,8 +141,8 @@ def evidence(
         channels=seen.names,
         units=seen.units,
         noise=seen.noise,
-        rollouts=tuple(_rollouts(rollouts)),
-        residuals=tuple(_residuals(windows)),
+        rollouts=(*_rollouts(rollouts), *(replace(r, baseline=True) for fits in before for r in _rollouts(fits))),
+        residuals=(*_residuals(windows), *(replace(r, baseline=True) for fits in before for r in _residuals(fits))),
         shape=next((shape_of(chosen, e) for e in chosen.effects if isinstance(e, ResidualForce)), None),
         of_sensors=of_sensors,
     )

@@ -44,11 +44,16 @@ def plot_data(report: Report, evidence: Evidence) -> dict[str, Json]:
     }
 
 
+def _label(shown: Rollout | Residuals) -> str:
+    """Which recording it is."""
+    return f"{shown.recording} (baseline)" if shown.baseline else shown.recording
+
+
 def _rollout(rollout: Rollout, every: int) -> dict[str, Json]:
     keep, breaks = _kept(len(rollout.time), rollout.starts, every)
     lines = {"measured": rollout.measured, "refitted": rollout.refitted, "corrected": rollout.corrected}
     return {
-        "id": rollout.recording,
+        "id": _label(rollout),
         "time": _broken(rollout.time[keep], breaks),
         **{name: [_broken(y[keep], breaks) for y in lines[name].T] for name in lines},
     }
@@ -57,7 +62,7 @@ def _rollout(rollout: Rollout, every: int) -> dict[str, Json]:
 def _residuals(residuals: Residuals, every: int) -> dict[str, Json]:
     keep, breaks = _kept(len(residuals.time), residuals.starts, every)
     return {
-        "id": residuals.recording,
+        "id": _label(residuals),
         "time": _broken(residuals.time[keep], breaks),
         "before": [_broken(z[keep], breaks) for z in residuals.before.T],
         "after": [_broken(z[keep], breaks) for z in residuals.after.T],
@@ -85,9 +90,10 @@ def _mechanism(model: mujoco.MjModel, rollouts: tuple[Rollout, ...]) -> dict[str
 def _whiteness(evidence: Evidence, channel: int) -> dict[str, Json]:
     """Histograms, autocorrelations and the share within two standard deviations, of a channel's residuals."""
     out: dict[str, Json] = {}
-    sides = {name: [getattr(r, name)[:, channel] for r in evidence.residuals] for name in ("before", "after")}
+    new = [r for r in evidence.residuals if not r.baseline]
+    sides = {name: [getattr(r, name)[:, channel] for r in new] for name in ("before", "after")}
     for name, residuals in sides.items():
-        split = (np.split(z, r.starts[1:]) for z, r in zip(residuals, evidence.residuals, strict=True))
+        split = (np.split(z, r.starts[1:]) for z, r in zip(residuals, new, strict=True))
         pieces = [piece for parts in split for piece in parts if len(piece) > LAGS]
         z = np.concatenate(pieces) if pieces else np.zeros(0)
         z = z[np.isfinite(z)]
