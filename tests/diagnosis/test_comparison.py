@@ -108,6 +108,11 @@ def test_without_time_nobody_says_that_nothing_changed(unchanged: Report) -> Non
 def test_the_page_of_a_comparison_says_what_both_have(unchanged: Report) -> None:
     page = html_page(unchanged)
     assert 'id="common"' in page and 'data-effect="coulomb_friction"' in page
+    assert unchanged.evidence is not None
+    for shown in (unchanged.evidence.rollouts, unchanged.evidence.residuals):
+        assert {r.recording for r in shown if not r.baseline} == set(unchanged.held_out)
+        assert {r.recording for r in shown if r.baseline} == set(unchanged.baseline)
+    assert f"{unchanged.baseline[0]} (baseline)" in page
     assert 'id="common"' not in html_page(replace(unchanged, baseline=[], common=[]))
 
 
@@ -175,6 +180,15 @@ def test_sets_that_cannot_be_compared_are_refused_with_both_named() -> None:
     slow = [replace(r, t_state=np.asarray(r.t_state) * 5, t_action=np.asarray(r.t_action) * 5) for r in new]
     with pytest.raises(InputError, match="every 50 ms, the baseline, such as 'run-0', every 10 ms"):
         diagnose(slow, model, baseline=before)
+    other = [replace(r, joint_names=("elbow",)) for r in before]
+    with pytest.raises(InputError, match=r"'run-5' has the joints \['hinge'\], the baseline 'run-0' has \['elbow'\]"):
+        diagnose(new, model, baseline=other)
+    rng = np.random.default_rng(0)
+    resting = [
+        replace(r, qpos=rng.normal(0, 1e-3, np.asarray(r.qpos).shape), action=0 * np.asarray(r.action)) for r in new
+    ]
+    with pytest.raises(InputError, match="The recordings hardly move: hinge by"):
+        diagnose(resting, model, baseline=before)
     far = [replace(r, qpos=np.asarray(r.qpos) * 40) for r in new]
     with pytest.raises(InputError, match="excite both alike"):
         diagnose(far, model, baseline=before)

@@ -1,6 +1,7 @@
 """What recordings lack of a simulator whose misfit is far above noise."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from plants import recordings
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.criteria import STANDARD
+from keycld_model.diagnosis.discrepancy.missing import _folds
+from keycld_model.diagnosis.discrepancy.motion import Motion
 
 SIZES = np.array([0.15, 0.08])
 
@@ -28,3 +31,19 @@ def test_dry_friction_at_both_joints_beside_much_that_nothing_explains() -> None
     for finding, size in zip(report.findings, SIZES, strict=True):
         assert finding.parameters["c"].value == pytest.approx(size, rel=0.3)
     assert report.fit.corrected < 0.7 * report.fit.refitted
+
+
+def test_parts_of_a_recording_have_as_much_motion_each() -> None:
+    """A mechanism that is swung up and then held is no witness while it is held: folds without motion tell nothing."""
+    swing, held = np.tile([0.0, 1.0, 0.0, 1.0], (6, 1))[..., None], np.zeros((6, 4, 1))
+    recording = np.repeat([0, 1, 2], 12)
+    motion = SimpleNamespace(
+        windows=SimpleNamespace(recording=recording), travel=np.ptp(np.concatenate([swing, held] * 3), axis=1)
+    )
+    motion.moves = Motion.moves.fget(motion)  # pyright: ignore[reportOptionalCall, reportArgumentType]
+    assert motion.moves.tolist() == ([True] * 6 + [False] * 6) * 3
+    fold = _folds(motion)  # pyright: ignore[reportArgumentType]
+    assert [int(motion.moves[fold == f].sum()) for f in range(6)] == [3] * 6
+    assert all(len(np.unique(recording[fold == f])) == 1 for f in range(6))
+    motion.moves[:] = True
+    assert np.bincount(_folds(motion)).tolist() == [6] * 6  # pyright: ignore[reportArgumentType]
