@@ -55,8 +55,8 @@ def conceal(recording: Recording, model: mujoco.MjModel, effect: Effect) -> Conc
         A recording for which the model with the effect is as good as the model alone is for the one handed in.
 
     Raises:
-        InputError: if the effect cannot be concealed in commands or clocks, as masses and the direction of gravity,
-            or acts on a joint without a motor.
+        InputError: if the effect cannot be concealed in commands or clocks, as masses, or acts on a joint without a
+            motor.
     """
     _check(recording, model, effect)
     if effect.observes:
@@ -173,7 +173,7 @@ def hidden_force(effect: Effect, model: mujoco.MjModel, t: Array, q: Array, v: A
     """Generalised force `[T, nv]` of an effect along a motion, N m or N.
 
     Args:
-        effect: a force, or friction and damping that it adds to a model.
+        effect: a force, friction and damping that it adds to a model, or gravity that it turns.
         model: the simulator.
         t: `[T]` times, s.
         q: `[T, nq]` positions.
@@ -186,12 +186,13 @@ def hidden_force(effect: Effect, model: mujoco.MjModel, t: Array, q: Array, v: A
     after = edited(model, [effect])
     between = isinstance(effect, TransmissionEffect)
     unlike = [name for name in OTHERS if not np.allclose(getattr(after, name), getattr(model, name), rtol=1e-12)]
-    if between or unlike or not np.array_equal(after.opt.gravity, model.opt.gravity):
+    if between or unlike:
         raise InputError(
             f"{effect.id} at {effect.where!r} is no force that a motor could have given; what can be concealed are "
-            "forces at joints with motors, errors of motors, and errors of the sensors' clock."
+            "forces at joints with motors, errors of motors, and errors of the sensors' clock. A mass or an inertia is "
+            "concealed by a simulator in which it is another."
         )
-    out = resistance(model, after, v)
+    out = resistance(model, after, v) + _weight(after, q) - _weight(model, q)
     if not effect.memory:
         return out + effect.force(model, t, q, v, u)
     memory, steps = effect.begin(model, v[0]), np.diff(t, append=2 * t[-1] - t[-2])
@@ -199,6 +200,17 @@ def hidden_force(effect: Effect, model: mujoco.MjModel, t: Array, q: Array, v: A
         force, memory = effect.advance(model, memory, t[k], q[k], v[k], u[k], float(h))
         out[k] += force
     return out
+
+
+def _weight(model: mujoco.MjModel, q: Array) -> Array:
+    """Generalised force of gravity `[T, nv]`, N m or N."""
+    data, out = mujoco.MjData(model), np.zeros((len(q), model.nv))
+    for k, at in enumerate(q):
+        data.qpos[:] = at
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_rne(model, data, 0, out[k])
+    return -out
 
 
 def _motion(recording: Recording, times: Array) -> tuple[Array, Array]:

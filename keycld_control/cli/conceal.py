@@ -27,7 +27,7 @@ class Args:
     Attributes:
         recordings: Folder of recordings with joint positions and commands.
         effect: Name of the effect, such as viscous_friction or actuator_delay.
-        at: Its joint, actuator, "clock" (of the sensors) or axis of the world.
+        at: Its joint, actuator, "clock" (of the sensors) "world", or axis of the world.
         out: Folder to create, with recordings of the same names, and concealed.json, which tells what is concealed.
         set: Its parameters, as NAME=NUMBER.
         env: Environment that the recordings are of; by default the one that they name.
@@ -74,6 +74,9 @@ def run(args: Args) -> None:
             concealed[recording.id] = conceal(recording, model, effect)
             advance()
     hidden = np.mean([c.hidden for c in concealed.values()], axis=0).tolist()
+    if not effect.observes and not any(hidden):
+        known = ", ".join(f"--set {p.name}=NUMBER" for p in effect.parameters())
+        raise InputError(f"{effect} does nothing in these recordings; say how large it is, with {known}.")
     rms = dict(zip([model.joint(j).name for j in range(model.njnt)], hidden, strict=True))
     truth = {
         "effect": effect.id,

@@ -51,6 +51,17 @@ def test_commands_hide_friction_in_the_recordings_that_were_named(
     assert np.array_equal(np.asarray(concealed.qpos), np.asarray(as_it_was.qpos))
 
 
+def test_a_base_that_is_not_level(data: str, tmp_path: Path) -> None:
+    out, model = tmp_path / "out", get_system("pendulum").compile()
+    tilt = ("--effect", "gravity_tilt", "--at", "world", "--set", "alpha=0.1")
+    assert main(["conceal", data, *tilt, "--out", str(out)]) == 0
+    (concealed, _), q = read_dataset(out).recordings, np.sin(4 * T)
+    link = model.body_mass[-1] * model.body_ipos[-1, 2] * 9.81
+    turned = link * (np.sin(q) - np.sin(q - 0.1))  # gravity that is turned is an angle that is counted from elsewhere
+    hidden = model.actuator_gear[0, 0] * np.asarray(concealed.action)[10:-10, 0]
+    assert np.abs(hidden) == pytest.approx(np.abs(turned)[10:-10], abs=0.02 * link)
+
+
 def test_all_recordings_by_default_and_a_table(data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert main(["conceal", data, *FRICTION, "--set", "b=0.2", "--out", str(out)]) == 0
@@ -69,6 +80,8 @@ def test_all_recordings_by_default_and_a_table(data: str, tmp_path: Path, capsys
         (FRICTION, "--set b=NUMBER"),
         ((*FRICTION, "--set", "b=-1"), "b=-1"),
         ((*FRICTION, "--set", "b=0.1", "--only", "c"), "'c'"),
+        (("--effect", "end_stop", "--at", "hinge", "--set", "at=0.5"), "does nothing in these recordings"),
+        (("--effect", "added_inertia", "--at", "hinge", "--set", "i=0.1"), "a simulator in which it is another"),
     ],
 )
 def test_what_cannot_be_concealed_is_refused_by_name(

@@ -84,6 +84,7 @@ def recorded() -> Recording:
         e.EndStop("elbow", at=-0.5, k=5.0),
         e.FrictionDrift("elbow", r=0.03),
         e.BaseMotion("x", a=0.5, b=0.2, w=5.0),
+        e.GravityTilt(alpha=0.1),
         e.ActuatorGain("first", k=0.8),
         e.GainDrift("second", r=-0.1),
         e.ActuatorDeadZone("second", delta=0.1),
@@ -117,7 +118,6 @@ def test_clocks(effect, shift):
     "effect",
     [
         e.AddedMass("lower", m=0.1),
-        e.GravityTilt(alpha=0.1),
         e.AddedInertia("elbow", i=0.01),
         e.Backlash("second", j=0.01, g=0.05),
         e.ActuatorSaturation("second", s=0.1),
