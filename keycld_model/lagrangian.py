@@ -29,9 +29,9 @@ class Lagrangian(Dynamics):
         force_scale: factor on the outputs of V and g.
         kernel_scale: standard deviation of their initial weights, or None.
         linear: give them a linear term.
-        springs: give V a spring along each rail, too.
         rngs: initialisation.
         constrained: rods and sliders hold the masses; without them this is the paper's KeyCLD-NC.
+        springs: give V a spring along each rail, too.
     """
 
     def __init__(
@@ -41,9 +41,9 @@ class Lagrangian(Dynamics):
         force_scale: float,
         kernel_scale: float | None,
         linear: bool,
-        springs: bool,
         rngs: nnx.Rngs,
         constrained: bool = True,
+        springs: bool = False,
     ) -> None:
         super().__init__(mechanism)
         n = 2 * mechanism.num_keypoints

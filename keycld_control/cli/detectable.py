@@ -48,18 +48,26 @@ def run(args: Args) -> None:
     model = Source.of(args.mjcf, args.env or recordings[0].system).model
     with progress("Looking", total=100) as advance:
         found = detectable(recordings, model, advance=advance)
+    others = _others(found)
     if args.out is not None:
-        _draw(found, args.out)
+        _draw(found, others, args.out)
     if args.json:
         rows = [
             {k: v if not isinstance(v, float) or isfinite(v) else None for k, v in asdict(d).items()} for d in found
         ]
-        print_result({"detectable": rows}, as_json=True)
+        print_result({"detectable": rows, "not_asked": others}, as_json=True)
     else:
-        _print_table(found)
+        _print_table(found, others)
 
 
-def _print_table(found: "list[Detectable]") -> None:
+def _others(found: "list[Detectable]") -> list[str]:
+    """Effects that no size can be told of: a comparison does not look for them, or not to first order."""
+    from keycld_envs.effects import EFFECTS
+
+    return sorted(set(EFFECTS) - {d.effect for d in found})
+
+
+def _print_table(found: "list[Detectable]", others: list[str]) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -68,14 +76,19 @@ def _print_table(found: "list[Detectable]") -> None:
     for d in found:
         size = f"{d.parameter} = {d.size:.2g} {d.unit}" if isfinite(d.size) else f"{d.parameter}: none"
         table.add_row(f"{d.kind} {d.where}", d.effect, size, f"{d.force:.2g}" if isfinite(d.force) else "")
-    Console().print(table)
+    console = Console()
+    console.print(table)
+    console.print(f"No size is told of {', '.join(others)}.", highlight=False)
 
 
-def _draw(found: "list[Detectable]", path: Path) -> None:
-    """Bars of the forces that the smallest sizes make, by place; offline."""
+def _draw(found: "list[Detectable]", others: list[str], path: Path) -> None:
+    """Bars of the forces that the smallest sizes make, by place, and a table; offline."""
     import plotly.graph_objects as go
+    from markupsafe import Markup
+    from plotly.offline import get_plotlyjs
 
     from keycld_envs.files import atomic_file
+    from keycld_envs.templates import templates
 
     shown = [d for d in found if isfinite(d.force) and d.force > 0]
     figure = go.Figure()
@@ -89,12 +102,20 @@ def _draw(found: "list[Detectable]", path: Path) -> None:
             text=[f"{d.parameter} = {d.size:.2g} {d.unit}" for d in own],
         )
     figure.update_layout(
-        title="Smallest differences that would be found in one new run",
         xaxis_title="force along the recorded motion, N m or N, root mean square",
         template="plotly_white",
         height=140 + 22 * len(shown),
-        margin={"l": 320},
+        margin={"l": 320, "t": 20},
     )
     figure.update_xaxes(type="log")
     with atomic_file(path, "w") as file:
-        file.write(figure.to_html(include_plotlyjs=True, full_html=True))
+        file.write(
+            templates("keycld_control.detectable")
+            .get_template("page.html")
+            .render(
+                found=found,
+                others=others,
+                plot=Markup(figure.to_html(include_plotlyjs=False, full_html=False)),
+                plotly=Markup(get_plotlyjs()),
+            )
+        )

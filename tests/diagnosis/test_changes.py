@@ -96,9 +96,14 @@ def test_what_is_detectable_is_told_by_place_and_effect(
 ) -> None:
     for r in before[:3]:
         write_recording(tmp_path / r.id, r)
-    assert main(["detectable", str(tmp_path), "--env", "pendulum"]) == 0
-    (row,) = [line for line in capsys.readouterr().out.splitlines() if "viscous_friction" in line]
+    page = tmp_path / "least.html"
+    assert main(["detectable", str(tmp_path), "--env", "pendulum", "--out", str(page)]) == 0
+    printed = capsys.readouterr().out
+    (row,) = [line for line in printed.splitlines() if "viscous_friction" in line]
     assert "joint hinge" in row and "N m s/rad" in row
+    assert "external_pulse" in printed.partition("No size is told of")[2]
+    table = page.read_text(encoding="utf-8").partition("<tbody>")[2]
+    assert "joint hinge</td><td>viscous_friction" in table and "external_pulse" in table
 
 
 def test_motors_that_never_pushed_are_not_told_of() -> None:
