@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -112,11 +113,11 @@ def test_a_keypoint_of_a_simulation_that_never_moves() -> None:
 
 
 def test_a_joint_that_runs_into_the_end_of_its_range() -> None:
-    turning = np.linspace(0, 3, 50)
-    low, high = SYSTEMS["cartpole"].compile().jnt_range[0]
-    inside, beyond = (np.stack([reach * np.sin(turning), turning], axis=1) for reach in (0.9 * high, 1.1 * high))
-    assert low == -high and list(weaknesses(of_cartpole(inside), SYSTEMS["cartpole"])) == []
-    (said,) = weaknesses(of_cartpole(beyond), SYSTEMS["cartpole"])
+    turning, free = np.linspace(0, 3, 50), SYSTEMS["cartpole"]
+    stopped = replace(free, mjcf=str(free.mjcf).replace('limited="false"', 'limited="true"'))
+    inside, beyond = (np.stack([reach * np.sin(turning), turning], axis=1) for reach in (1.7, 1.9))  # of 1.8 m
+    assert not [*weaknesses(of_cartpole(inside), stopped), *weaknesses(of_cartpole(beyond), free)]
+    (said,) = weaknesses(of_cartpole(beyond), stopped)
     assert "'slider' runs into the end of its range" in said and "100 % of the recordings" in said
 
 
