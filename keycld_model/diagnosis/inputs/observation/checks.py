@@ -36,5 +36,5 @@ def check_positions(recording: Recording, model: mujoco.MjModel) -> None:
         if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and np.any((jumps > 5.0) & (jumps < 7.5)):
             raise InputError(
                 f"{who} has angles of {name!r} that jump by {jumps.max():.3g} rad from one sample to the next; unwrap "
-                "qpos (numpy.unwrap)."
+                "qpos (numpy.unwrap), or convert it if it is in degrees."
             )
