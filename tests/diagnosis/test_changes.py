@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +17,13 @@ from keycld_envs.systems import get_system
 from keycld_model.diagnosis import Report, diagnose
 from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.discrepancy.candidates import Columns
+from keycld_model.diagnosis.discrepancy.checks import held_still
 from keycld_model.diagnosis.discrepancy.detectable import detectable
 from keycld_model.diagnosis.discrepancy.missing import Missing
 from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.discrepancy.regressors import shared_terms
+from keycld_model.diagnosis.output.words import changed_headline
+from keycld_model.diagnosis.verdict.report import FitErrors
 
 PENDULUM = get_system("pendulum").compile()
 
@@ -104,6 +109,15 @@ def test_what_is_detectable_is_told_by_place_and_effect(
     assert "external_pulse" in printed.partition("No size is told of")[2]
     table = page.read_text(encoding="utf-8").partition("<tbody>")[2]
     assert "joint hinge</td><td>viscous_friction" in table and "external_pulse" in table
+
+
+def test_a_joint_that_is_held_still_is_named_and_not_vouched_for() -> None:
+    travel = np.array([[1.0, 2.0], [1.2, 1.5], [0.9, 0.01], [1.1, 0.02]])  # the second hardly moves in two windows
+    motion: Any = SimpleNamespace(travel=travel)
+    assert held_still(motion, np.array([True, True, False, False])).tolist() == [False, True]
+    errors = FitErrors("", "mrad", 3.0, 2.0, 2.0)
+    said = changed_headline("no_mismatch", [], errors, 4, None, {"shoulder": "0.1 N m"}, still=["elbow"])
+    assert said.endswith("more would have been found. Nothing is told of elbow, which hardly moves in them.")
 
 
 def test_motors_that_never_pushed_are_not_told_of() -> None:
