@@ -92,11 +92,10 @@ def main(args: Args) -> None:
                 found.append(json.loads(file.read_text(encoding="utf-8")))
                 advance()
     for each in found:
-        name, worst = (
-            f"{each['arm']:>10} {each['recordings']:>4}",
-            min(each.get("r2", {}).values(), default=float("nan")),
-        )
-        print(f"{name} VPT {each['vpt']:.3f}  R2 {worst:.4f}  {each.get('failure', '')}")
+        joints = each.get("r2") or {}
+        worst = min(joints.values(), default=float("nan"))
+        scores = f"VPT {each['vpt']:.3f}  R2 {worst:.4f}"
+        print(f"{each['arm']:>10} {each['recordings']:>4} {scores}  {each.get('failure', '')}")
     for recordings in args.recordings:
         good = [each["vpt"] >= GOOD for each in found if each["recordings"] == recordings]
         print(f"{recordings} recordings: {sum(good)} of {len(good)} arms are predicted for {GOOD:g} of the time")

@@ -27,7 +27,7 @@ class Args:
     Attributes:
         recordings: Folder of recordings with joint positions and commands.
         effect: Name of the effect, such as viscous_friction or actuator_delay.
-        at: Its joint, actuator, "clock" (of the sensors) "world", or axis of the world.
+        at: Its joint, actuator, "clock" (of the sensors), "world", or axis of the world.
         out: Folder to create, with recordings of the same names, and concealed.json, which tells what is concealed.
         set: Its parameters, as NAME=NUMBER.
         env: Environment that the recordings are of; by default the one that they name.

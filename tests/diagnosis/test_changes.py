@@ -113,7 +113,7 @@ def test_what_is_detectable_is_told_by_place_and_effect(
 
 def test_a_joint_that_is_held_still_is_named_and_not_vouched_for() -> None:
     travel = np.array([[1.0, 2.0], [1.2, 1.5], [0.9, 0.01], [1.1, 0.02]])  # the second hardly moves in two windows
-    motion: Any = SimpleNamespace(travel=travel)
+    motion: Any = SimpleNamespace(travel=travel, problem=SimpleNamespace(criteria=STANDARD))
     assert held_still(motion, np.array([True, True, False, False])).tolist() == [False, True]
     errors = FitErrors("", "mrad", 3.0, 2.0, 2.0)
     said = changed_headline("no_mismatch", [], errors, 4, None, {"shoulder": "0.1 N m"}, still=["elbow"])

@@ -38,7 +38,9 @@ def test_parts_of_a_recording_have_as_much_motion_each() -> None:
     swing, held = np.tile([0.0, 1.0, 0.0, 1.0], (6, 1))[..., None], np.zeros((6, 4, 1))
     recording = np.repeat([0, 1, 2], 12)
     motion = SimpleNamespace(
-        windows=SimpleNamespace(recording=recording), travel=np.ptp(np.concatenate([swing, held] * 3), axis=1)
+        problem=SimpleNamespace(criteria=STANDARD),
+        windows=SimpleNamespace(recording=recording),
+        travel=np.ptp(np.concatenate([swing, held] * 3), axis=1),
     )
     motion.moves = Motion.moves.fget(motion)  # pyright: ignore[reportOptionalCall, reportArgumentType]
     assert motion.moves.tolist() == ([True] * 6 + [False] * 6) * 3

@@ -92,7 +92,7 @@ class Declared:
     diagnosis: tuple[Diagnosis, ...] = ()
     expect: Mapping[str, tuple[Mapping[str, Any], ...]] = field(default_factory=dict)
     tracked: bool = False
-    plotted: float = 1.0
+    plotted: float = Gate.plotted
     concealed: Concealed | None = None
     halves: Halves | None = None
     owners: Owners | None = None

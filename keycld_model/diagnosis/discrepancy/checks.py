@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
-from keycld_model.diagnosis.discrepancy.motion import MOVES, Motion
+from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.inputs.prepare import spacing
 
 HINGE = mujoco.mjtJoint.mjJNT_HINGE
@@ -90,7 +90,7 @@ def check_motion(motion: Motion, baseline: NDArray[np.bool_]) -> None:
 def held_still(motion: Motion, baseline: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """`[nv]` joints that move in the baseline, and hardly in new recordings."""
     old, new = (np.percentile(motion.travel[own], 90, axis=0) for own in (baseline, ~baseline))
-    return new < MOVES * old
+    return new < motion.problem.criteria.moves * old
 
 
 def check_enough(comparable: NDArray[np.bool_], new: NDArray[np.bool_]) -> None:

@@ -281,9 +281,9 @@ def _folds(motion: Motion) -> NDArray[np.int64]:
     count, fewest = int(recording.max()) + 1, 6
     if count >= fewest:
         return recording
-    parts, fold = -(-fewest // count), np.zeros(len(recording), np.int64)
+    parts, fold, moves = -(-fewest // count), np.zeros(len(recording), np.int64), motion.moves
     for r in range(count):
         own = recording == r
-        before = np.cumsum(motion.moves[own]) - motion.moves[own]  # windows with motion
-        fold[own] = r * parts + np.minimum(before * parts // max(int(motion.moves[own].sum()), 1), parts - 1)
+        before = np.cumsum(moves[own]) - moves[own]
+        fold[own] = r * parts + np.minimum(before * parts // max(int(moves[own].sum()), 1), parts - 1)
     return np.unique(fold, return_inverse=True)[1]

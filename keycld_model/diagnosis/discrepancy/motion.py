@@ -36,8 +36,6 @@ FINEST = 2e-4
 """Positions are followed no closer than this, rad or m: steps of the integrator are no better."""
 STANDS_OUT = 2.0
 """Standard deviations by which the mean square of differences must exceed that of noise, to be a vibration."""
-MOVES = 0.03
-"""Share of how far a joint travels in the tenth of the windows in which it travels most; with less it is held still."""
 RESTING = 0.05
 """Speed below which a joint may rest, rad/s or m/s."""
 
@@ -133,7 +131,7 @@ class Motion:
     @property
     def moves(self) -> NDArray[np.bool_]:
         """`[W]` windows in which some joint is not held still."""
-        return np.any(self.travel >= MOVES * np.percentile(self.travel, 90, axis=0), axis=1)
+        return np.any(self.travel >= self.problem.criteria.moves * np.percentile(self.travel, 90, axis=0), axis=1)
 
     @property
     def travel(self) -> Array:
