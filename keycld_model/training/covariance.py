@@ -30,7 +30,7 @@ from keycld_model.modules import Parts
 from keycld_model.training.coordinates import Coordinates
 from keycld_model.training.data import TrainingData, check_fits
 from keycld_model.training.fit import fit_states
-from keycld_model.training.identification import LEAN, Fit, Problem, minimise
+from keycld_model.training.identification import LEAN, Fit, Problem, along, minimise
 from keycld_model.training.stage import Variables
 from keycld_model.uncertainty import Uncertainty, numbers_of
 from keycld_model.world_model import WorldModel
@@ -118,7 +118,7 @@ def _measured(problem: Problem, variables: Variables, keypoints: NDArray[np.floa
     states = variables["trajectories"]
     absent, lean = problem.absent(problem.start), problem.where("lean")
     fit = Fit(np.where(absent, 0, problem.start), states["x"], states["v"])
-    fit, _ = minimise(problem, fit, ITERATIONS, lambda _: lean / LEAN**2, ~absent)
+    fit, _ = minimise(problem, fit, ITERATIONS, lambda _: lean / LEAN**2, along(~absent))
     pivot = np.asarray(variables["dynamics"]["pivot"])
     sums = _sums(problem, fit, *_functions(problem.mechanism, pivot, keypoints), np.flatnonzero(~absent))
     return None if sums is None else _uncertainty(problem, fit, sums)

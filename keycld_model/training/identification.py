@@ -5,6 +5,7 @@ motion. Gradient descent creeps along that valley for thousands of steps; Gauss-
 """
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import NamedTuple
 
 import jax
@@ -15,6 +16,8 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from keycld_model.modules import Parts
+from keycld_model.places import to_masses
+from keycld_model.training.actuation import joint_forces
 from keycld_model.training.coordinates import HUBER, Coordinates, programs
 from keycld_model.training.stage import Variables
 
@@ -28,6 +31,8 @@ NEGLIGIBLE = 0.01
 """A motor's influence on a keypoint, relative to its greatest on any, that hardly differs from none."""
 ABSENT = 0.03
 """Influence below which a motor does not act on a keypoint."""
+POSES = 200
+"""On which forces of any kind are compared with those at joints."""
 LEAN = 0.03
 """Standard deviation of `lean` before it is known; the fit after the next distillation finds what this held back."""
 
@@ -49,16 +54,17 @@ def identify(
     A Levenberg-Marquardt fit with Huber weights; the initial state of each sequence is eliminated by a Schur
     complement, as in bundle adjustment (Triggs et al., Bundle Adjustment: A Modern Synthesis, 2000).
 
-    A motor acts on few keypoints, as a rule on those beside its joint. If `sparse`, each pair of a motor and a keypoint
-    costs as many parameters as describe it by the Bayesian information criterion; otherwise a force of the cart's motor
-    on the pole looks like the inertia of the pole, and the place of the pole's mass is free. The count is made smooth
+    Motors act at joints, as a rule (see `joint_forces`). If forces may be anything, one of the cart's motor on the pole
+    looks like the inertia of the pole, and the place of the pole's mass is free. If `sparse`, forces at joints are
+    fitted first, then others, each pair of a motor and a keypoint at the price of as many parameters as describe it, by
+    the Bayesian information criterion; the cheaper of the two stays. That count is made smooth
     as in Frommlet and Nuel, An Adaptive Ridge Procedure for L0 Regularization (2016), for groups. What
     a parameter must gain follows from the median deviation at each step.
 
-    If `acting`, what acts is then fitted without that price, which also weighs on what is there, and together with how
-    far keypoints lean along their rails: a lean is told from the mass of a pole only by where motors do not act. If
-    that explains keypoints worse than the price was worth, what was fitted with it stays. Keypoints must be good for
-    this: where a motor is left out by mistake, the lean is wrong.
+    If `acting`, keypoints may lean along their rails, too, which is told from the mass of a pole only by where motors
+    do not act. Where they act elsewhere than at joints, what acts is once more fitted without that price, which also
+    weighs on what is there; if that explains keypoints worse than the price was worth, what was fitted with it stays.
+    Keypoints must be good for this: where a motor is left out by mistake, the lean is wrong.
 
     Args:
         parts: the networks; V and g must have linear terms.
@@ -67,7 +73,7 @@ def identify(
         actions: `[N, T-1, m]`.
         iterations: at most this many steps; if acting, as many again without the price.
         slide: also fit where masses are.
-        sparse: let motors act on few keypoints.
+        sparse: let motors act at joints, or on few keypoints.
         acting: leave out where motors do not act, and let keypoints lean.
 
     Returns:
@@ -75,15 +81,14 @@ def identify(
     """
     problem = Problem(parts, variables, keypoints, actions, slide, at_masses=acting)
     fit = Fit(problem.start, variables["trajectories"]["x"], variables["trajectories"]["v"])
-    lean = problem.where("lean")
-    fit, cost = minimise(problem, fit, iterations, problem.price if sparse else np.zeros_like, ~lean)
-    if acting:
-        absent = problem.absent(fit.theta)
-        fewer = fit._replace(theta=np.where(absent, 0, fit.theta))
-        fewer, without = minimise(problem, fewer, iterations, lambda _: lean / LEAN**2, ~absent)
-        fit = fewer if without <= cost else fit
+    fit = _sparse(problem, fit, iterations, acting) if sparse else minimise(problem, fit, iterations)[0]
     found = problem.coordinates.variables(problem.first, jnp.asarray(fit.theta, jnp.float32))
     return {**variables, **found, "trajectories": {"x": fit.x, "v": fit.v}}
+
+
+def along(free: NDArray[np.bool_]) -> Vector:
+    """`[p, q]` axes of those of p parameters that move."""
+    return np.eye(len(free))[:, free]
 
 
 class Fit(NamedTuple):
@@ -94,20 +99,51 @@ class Fit(NamedTuple):
     v: Array
 
 
-def minimise(
-    problem: "Problem", fit: Fit, iterations: int, price: Callable[[Vector], Vector], free: NDArray[np.bool_]
-) -> tuple[Fit, float]:
-    """Levenberg-Marquardt on deviations and the price of the parameters that are free.
+def _sparse(problem: "Problem", fit: Fit, iterations: int, acting: bool) -> Fit:
+    """Forces at joints, unless other ones explain more than their price."""
+    lean = problem.where("lean")
+    still, hardly = (np.zeros_like(lean), lambda _: lean / LEAN**2) if acting else (lean, np.zeros_like)
+    directions = problem.directions_at_joints(still)
+    joints, cost = minimise(problem, problem.with_motors_at_joints(fit), iterations, hardly, directions)
+    cost += problem.worth(problem.costs(joints), problem.forces_at_joints.shape[1])
+    anything, other = minimise(problem, fit, iterations, problem.price)
+    if acting:
+        absent = problem.absent(anything.theta)
+        fewer = anything._replace(theta=np.where(absent, 0, anything.theta))
+        fewer, without = minimise(problem, fewer, iterations, hardly, along(~absent))
+        if without <= other:
+            anything, other = fewer, without
+    return joints if cost <= other else anything
 
-    The price gives second derivatives `[p]` of a penalty at a noise of one. Returns the fit, and its cost and price.
+
+def minimise(
+    problem: "Problem",
+    fit: Fit,
+    iterations: int,
+    price: Callable[[Vector], Vector] = np.zeros_like,
+    directions: Vector | None = None,
+) -> tuple[Fit, float]:
+    """Levenberg-Marquardt on deviations and the price of the parameters.
+
+    Args:
+        problem: what is explained.
+        fit: to start from.
+        iterations: at most this many steps.
+        price: second derivatives `[p]` of a penalty at a noise of one.
+        directions: `[p, q]`, in which parameters move; by default all but `lean`.
+
+    Returns:
+        The fit, and its cost and price.
     """
+    if directions is None:
+        directions = along(~problem.where("lean"))
     damping, cost = 1e-5, np.inf
     for _ in range(iterations):
         blocks = problem.blocks(fit)
-        ridge = price(fit.theta) * np.median(blocks.cost) / problem.mechanism.num_keypoints
+        ridge = price(fit.theta) * problem.noise(blocks.cost)
         cost = before = blocks.cost.sum() + 0.5 * ridge @ fit.theta**2
         for _ in range(ATTEMPTS):
-            shared, own = blocks.step(ridge, ridge * fit.theta, damping, free)
+            shared, own = blocks.step(ridge, ridge * fit.theta, damping, directions)
             costs, new = problem.try_step(fit, shared, own)
             after = costs.sum() + 0.5 * ridge @ new.theta**2
             if after < before:
@@ -134,14 +170,14 @@ class Blocks(NamedTuple):
     gradient: Vector
     cost: Vector
 
-    def step(self, ridge: Vector, pull: Vector, damping: float, free: NDArray[np.bool_]) -> tuple[Vector, Vector]:
+    def step(self, ridge: Vector, pull: Vector, damping: float, directions: Vector) -> tuple[Vector, Vector]:
         """The step of the shared parameters `[p]` and of the sequences' own `[N, s]`; zero if all have diverged.
 
         Args:
             ridge: `[p]`, second derivatives of the penalty.
             pull: `[p]`, its gradient.
             damping: of Levenberg and Marquardt.
-            free: `[p]`, parameters that move.
+            directions: `[p, q]`, in which they move.
         """
         p = len(ridge)
         good = np.isfinite(self.hessian).all((1, 2)) & np.isfinite(self.gradient).all(1)
@@ -154,11 +190,10 @@ class Blocks(NamedTuple):
         solved = np.linalg.solve(own, np.concatenate([cross, g[:, p:, None]], axis=-1))
         shared = h[:, :p, :p].sum(0) - np.einsum("nsp,nsq->pq", cross, solved[..., :-1]) + np.diag(ridge)
         right = g[:, :p].sum(0) + pull - np.einsum("nsp,ns->p", cross, solved[..., -1])
-        diagonal, moving = np.diag(shared)[free], np.ix_(free, free)
-        first = np.zeros(p)
-        first[free] = -np.linalg.solve(
-            shared[moving] + np.diag(damping * diagonal + RIDGE * diagonal.mean()), right[free]
-        )
+        moving = directions.T @ shared @ directions
+        diagonal = np.diag(moving)
+        moving = moving + np.diag(damping * diagonal + RIDGE * diagonal.mean())
+        first = -directions @ np.linalg.solve(moving, directions.T @ right)
         second = np.zeros((len(self.cost), own.shape[1]))
         second[good] = -(solved[..., -1] + solved[..., :-1] @ first)
         return first, second
@@ -184,11 +219,66 @@ class Problem:
         self._data = jnp.asarray(keypoints), jnp.asarray(actions)
         self._blocks, self._costs, self._linearised = programs(self.coordinates)
 
-    def price(self, theta: Vector) -> Vector:
-        """Second derivatives `[p]` of the penalty on influences of motors on keypoints, at a noise of one.
+    @cached_property
+    def forces_at_joints(self) -> Vector:
+        """`[p, c*m]` directions of parameters: a unit of each motor at each rod and slider."""
+        p, motors = self.named(self.start), range(self.mechanism.num_actions)
+        nothing = jax.tree.map(jnp.zeros_like, p)
+        forces = [
+            {
+                **nothing,
+                "input": nothing["input"].at[:, :, motor].set(linear),
+                "constant_input": nothing["constant_input"].at[:, motor].set(constant),
+            }
+            for linear, constant in zip(*joint_forces(self.mechanism, self.first["dynamics"]["pivot"]), strict=True)
+            for motor in motors
+        ]
+        return np.stack([np.asarray(ravel_pytree(force)[0], np.float64) for force in forces], axis=1)
+
+    def directions_at_joints(self, still: NDArray[np.bool_]) -> Vector:
+        """`[p, q]` in which parameters move that are no forces of motors, but for some `[p]`, and forces at joints."""
+        others = ~(still | self.where("input") | self.where("constant_input"))
+        return np.hstack([along(others), self.forces_at_joints])
+
+    def with_motors_at_joints(self, fit: Fit) -> Fit:
+        """The same with those forces of motors at joints that do most nearly the work that its forces do."""
+        moved = self.where("input") | self.where("constant_input")
+        forces = np.where(moved, fit.theta, 0)
+        other, *each = self._works(np.vstack([forces, self.forces_at_joints.T]))
+        sizes = np.linalg.lstsq(np.array(each).T, other, rcond=None)[0]
+        return fit._replace(theta=fit.theta - forces + self.forces_at_joints @ sizes)
+
+    def _works(self, thetas: Vector) -> Vector:
+        """`[b, w]` forces of motors along what can move, for parameters `[b, p]`, in poses from all recordings."""
+        seen = self._data[0].reshape(-1, 2 * self.mechanism.num_keypoints)
+        seen = seen[np.linspace(0, len(seen) - 1, min(POSES, len(seen))).astype(int)]
+        x = to_masses(self.mechanism, self.first, seen) if self.coordinates.at_masses else seen
+        model = self.coordinates.parts.lagrangian(self.first)
+        free = jax.vmap(model.tangent_space)(x)
+
+        def works(theta: Array) -> Array:
+            p = self._unravel(theta)
+            force = jnp.einsum("xi,iju->xju", x, p["input"]) + p["constant_input"]
+            return jnp.einsum("xjd,xju->xdu", free, force).ravel()
+
+        return np.asarray(jax.vmap(works)(jnp.asarray(thetas, jnp.float32)), np.float64)
+
+    def noise(self, cost: Vector) -> float:
+        """Squared error of a coordinate in a typical sequence, of costs `[N]` of all."""
+        return float(np.median(cost)) / self.mechanism.num_keypoints
+
+    def worth(self, cost: Vector, count: int) -> float:
+        """What so many parameters must gain, by the Bayesian information criterion; costs as in `noise`.
 
         The errors of keypoints go with the pose and hardly average out within a recording, so the frames of one count
         as a single measurement.
+        """
+        return 0.5 * count * np.log(self.sequences) * self.noise(cost)
+
+    def price(self, theta: Vector) -> Vector:
+        """Second derivatives `[p]` of the penalty on influences of motors on keypoints, at a noise of one.
+
+        See `worth`.
         """
         p = self.named(theta)
         mass, square = self._influences(p)
@@ -228,6 +318,11 @@ class Problem:
             "constant_input": value,
         }
         return np.asarray(ravel_pytree(values)[0], np.float64)
+
+    def costs(self, fit: Fit) -> Vector:
+        """`[N]`."""
+        still = np.zeros((self.sequences, 2 * self.mechanism.degrees_of_freedom))
+        return self.try_step(fit, np.zeros_like(self.start), still)[0]
 
     def blocks(self, fit: Fit) -> Blocks:
         """Second-order pictures of the costs of all sequences."""
