@@ -171,7 +171,7 @@ class Blocks(NamedTuple):
     cost: Vector
 
     def step(self, ridge: Vector, pull: Vector, damping: float, directions: Vector) -> tuple[Vector, Vector]:
-        """The step of the shared parameters `[p]` and of the sequences' own `[N, s]`; zero if all have diverged.
+        """The step of the shared parameters `[p]` and of the sequences' own `[N, s]`; zero if nothing is left finite.
 
         Args:
             ridge: `[p]`, second derivatives of the penalty.
@@ -181,8 +181,9 @@ class Blocks(NamedTuple):
         """
         p = len(ridge)
         good = np.isfinite(self.hessian).all((1, 2)) & np.isfinite(self.gradient).all(1)
-        if not good.any():
-            return np.zeros(p), np.zeros((len(self.cost), self.gradient.shape[1] - p))
+        nothing = np.zeros(p), np.zeros((len(self.cost), self.gradient.shape[1] - p))
+        if not good.any() or not np.isfinite(ridge).all() or not np.isfinite(pull).all():
+            return nothing
         h, g = self.hessian[good], self.gradient[good]
         own, cross = h[:, p:, p:], h[:, p:, :p]
         diagonal = np.einsum("nii->ni", own)

@@ -10,6 +10,7 @@ from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_model.config import ModelConfig, NetworkConfig
 from keycld_model.modules import Parts
 from keycld_model.places import to_keypoints
+from keycld_model.training.actuation import joint_forces
 from keycld_model.training.identification import identify
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -23,8 +24,11 @@ SCALE = 0.75
 """The mass is at this fraction of the distance at which its keypoint is seen."""
 
 
-def truth(mechanism, masses):
-    """A model with gravity and motors, linear in the positions; its networks' nonlinear part is zero."""
+def truth(mechanism, masses, fan=False):
+    """A model with gravity and motors, linear in the positions; its networks' nonlinear part is zero.
+
+    The second motor is in the hinge between both parts, or a fan at the far end, across its rod.
+    """
     parts = Parts(ModelConfig(mechanism, TIMESTEP, (16, 16), networks=NetworkConfig(width=8, constants=4, hidden=8)))
     variables = jax.tree.map(jnp.asarray, random_parameters(parts.config))
     dynamics = variables["dynamics"]
@@ -36,13 +40,16 @@ def truth(mechanism, masses):
     if "spring" in dynamics:
         dynamics["spring"] = jnp.zeros_like(dynamics["spring"])
     kernel, bias = np.zeros((4, 4, 2)), np.zeros((4, 2))  # position, force, action
-    turn = 2.0 * np.array([[0.0, -1.0], [1.0, 0.0]])  # force (-y, x) times the torque, up to the squared length
+    turn = 2.0 * np.array([[0.0, 1.0], [-1.0, 0.0]])  # force (-y, x) times the torque, up to the squared length
+    kernel[:2, 2:, 1], kernel[2:, 2:, 1] = -turn, turn
+    if not fan:
+        kernel[:2, :2, 1], kernel[2:, :2, 1] = turn, -turn
     if mechanism is CART:
         bias[0, 0] = 1.0
-        kernel[:2, 2:, 1], kernel[2:, 2:, 1] = -turn, turn
     else:
         kernel[:2, :2, 0] = turn
-        kernel[:2, 2:, 1], kernel[2:, 2:, 1] = -turn, turn
+        if not fan:
+            kernel[:2, :2, 1] -= -turn  # what holds the motor, on the rod before it
     dynamics["input"]["linear"] = {
         "kernel": jnp.asarray(kernel.reshape(4, 4 * 2), jnp.float32),
         "bias": jnp.asarray(bias.ravel(), jnp.float32),
@@ -90,12 +97,12 @@ def test_masses_and_their_places_are_found(mechanism, masses, guess):
     )
     error = to_keypoints(mechanism, found, positions) - seen
     deviation = np.sort(np.sqrt(np.mean(error**2, axis=(1, 2))))
-    assert deviation[-2] < 1.4 * NOISE  # one recording may get lost, from masses that wrong
+    assert deviation[-3] < 1.4 * NOISE  # two of forty recordings may get lost, from masses that wrong
 
 
 @pytest.mark.long
 def test_a_motor_that_does_not_act_on_a_keypoint_is_found_not_to():
-    parts, right = truth(CART, (0.85, 0.15))
+    parts, right = truth(CART, (0.85, 0.15), fan=True)
     seen, actions, states = motion(parts, right, noise=NOISE)
     start = {**right, "trajectories": states}
     net = right["dynamics"]["input"]
@@ -110,6 +117,45 @@ def test_a_motor_that_does_not_act_on_a_keypoint_is_found_not_to():
     force = np.abs(np.concatenate([found["kernel"].reshape(4, 4, 2), found["bias"].reshape(1, 4, 2)])).max(axis=0)
     assert force[2:, 0].max() < 0.002 < 0.1 < force[:2, 0].max()
     assert force[:, 1].max() > 0.1
+
+
+@pytest.mark.parametrize("mechanism", [PENDULUMS, CART], ids=["arm", "cart"])
+def test_forces_at_joints_do_the_same_work_everywhere(mechanism):
+    linear, constant = joint_forces(mechanism, (0.1, 0.2))
+    rng, works = np.random.default_rng(0), []
+    for first, second in rng.uniform(-np.pi, np.pi, (5, 2)):
+        turned = [0.4 * np.array([np.cos(a), -np.sin(a)]) for a in (first, second)]  # d/da of 0.4 (sin a, cos a)
+        arm = [0.4 * np.array([np.sin(a), np.cos(a)]) for a in (first, second)]
+        if mechanism is PENDULUMS:
+            x = np.concatenate([(0.1, 0.2) + arm[0], (0.1, 0.2) + arm[0] + arm[1]])
+            ways = [np.concatenate([turned[0], turned[0]]), np.concatenate([(0, 0), turned[1]])]
+        else:
+            x = np.concatenate([(first, 0.2), (first, 0.2) + arm[1]])
+            ways = [np.concatenate([(0, 0), turned[1]]), np.array([1.0, 0, 1, 0])]
+        works.append([[(x @ f + c) @ way for way in ways] for f, c in zip(linear, constant, strict=True)])
+    square = -(0.4**2)  # counterclockwise, where angles are clockwise from above
+    right = np.diag([square, square]) if mechanism is PENDULUMS else np.diag([square, 1.0])
+    np.testing.assert_allclose(works, np.broadcast_to(right, np.shape(works)), atol=1e-12)
+
+
+@pytest.mark.long
+def test_a_motor_at_a_hinge_is_told_from_the_mass_that_it_turns():
+    """If forces may be anything, one on the cart that the hinge's motor does not have makes up for another mass."""
+    parts, right = truth(CART, (0.85, 0.15))
+    seen, actions, states = motion(parts, right, noise=3 * NOISE)
+    wrong = {**right, "trajectories": states}
+    pushed = right["dynamics"]["input"]["linear"]
+    pushed = {**pushed, "kernel": pushed["kernel"].reshape(4, 4, 2).at[:2, 2:, 0].set(0.3 * np.eye(2)).reshape(4, 8)}
+    wrong["dynamics"] = {
+        **right["dynamics"],
+        "log_masses": jnp.log(jnp.asarray((0.8, 0.2))),
+        "input": {**right["dynamics"]["input"], "linear": pushed},
+    }
+    found = identify(parts, wrong, seen, actions, iterations=10, sparse=True)
+    np.testing.assert_allclose(parts.lagrangian(found).masses, (0.85, 0.15), atol=0.003)
+    kernel = np.asarray(found["dynamics"]["input"]["linear"]["kernel"]).reshape(4, 4, 2)
+    np.testing.assert_allclose(kernel[:, :, 0], 0, atol=0.003)
+    np.testing.assert_allclose(kernel[2:, 2:, 1] + kernel[:2, 2:, 1], 0, atol=1e-6)
 
 
 @pytest.mark.long
