@@ -36,6 +36,8 @@ FINEST = 2e-4
 """Positions are followed no closer than this, rad or m: steps of the integrator are no better."""
 STANDS_OUT = 2.0
 """Standard deviations by which the mean square of differences must exceed that of noise, to be a vibration."""
+FAST = 60.0
+"""Acceleration that unknown forces may well make, rad/s² or m/s²."""
 RESTING = 0.05
 """Speed below which a joint may rest, rad/s or m/s."""
 
@@ -200,6 +202,25 @@ class Motion:
         """Fall of whitened residuals `[W, r]` with forces `[W, S, nv]`."""
         return np.einsum("wrjb,wbj->wr", self.response, self.over_parts(forces), optimize=True)
 
+    def answer_by_step(self, forces: Array) -> Array:
+        """The same without averages over the parts of windows, for forces that may change in every step.
+
+        Commands of a feedback are as noisy as what it is fed. That averages out in the motion, but not in what another
+        delay would have done to each of them.
+        """
+        most = np.max(np.abs(forces) / (0.01 * FAST * np.maximum(self.model.dof_M0, 1e-9)), initial=0.0)
+        if not most > 0:
+            return np.zeros_like(self.residual)
+        steady = np.repeat(self.forces, np.diff(self.windows.edges(self.forces.shape[1])), axis=1)
+        here, there = (self._rolled(pushes) for pushes in (steady, steady + forces / most))
+        return np.nan_to_num(most * (here - there))
+
+    def _rolled(self, pushes: Array) -> Array:
+        """Whitened residuals `[W, r]` of rollouts with pushes `[W, S, nv]`."""
+        none, one = Variant(np.zeros(len(self.problem.nuisances))), np.zeros(1, np.int64)
+        first = (x[:, 0][None] for x in self.path)
+        return self.problem.whiten(self.problem.predict([none], one, *first, pushes[None]))[0]
+
 
 _PER_WINDOW = ("q", "v", "a", "u", "time", "required", "states", "response", "residual", "forces")
 
@@ -253,8 +274,7 @@ class _Pinned:
         windows, model = problem.windows, problem.simulator.model
         q, v = windows.initial_states()
         parts = max(1, round(windows.steps * windows.step / problem.criteria.sizes.constant_force))
-        fast = 60.0  # rad/s^2 or m/s^2, acceleration that unknown forces may well make
-        out = cls(problem, q, v, np.zeros((len(q), parts, model.nv)), fast * np.maximum(model.dof_M0, 1e-9))
+        out = cls(problem, q, v, np.zeros((len(q), parts, model.nv)), FAST * np.maximum(model.dof_M0, 1e-9))
         damping = np.full(len(q), 1e-6)
         for _ in range(8):
             gained, damping = out._step(damping)

@@ -87,6 +87,8 @@ def answer_of(motion: Motion, effect: Effect) -> Array:
     """Fall of whitened residuals `[W, r]` with an effect as it is."""
     if effect.observes:
         return _clock(motion, effect)
+    if isinstance(effect, ActuatorEffect) and not effect.forces:
+        return motion.answer_by_step(_motor(motion, effect))
     return motion.answer(force_of(motion, effect))
 
 

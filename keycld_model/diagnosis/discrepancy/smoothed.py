@@ -93,6 +93,10 @@ class Smoothed(Motion):
         """Smoothed forces, `[W, S nv]`."""
         return self.smooth(forces).reshape(len(forces), -1)
 
+    def answer_by_step(self, forces: Array) -> Array:
+        """The same."""
+        return self.answer(forces)
+
 
 def _middle(x: Array) -> Array:
     """Of the steps, `[W, S, nv]`, of values at their ends."""
