@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import mujoco
+import numpy as np
 
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
@@ -145,7 +146,13 @@ def _changed(
     check([*recordings, *baseline], model, observation, MOST)
     bare = without_contacts(model, [*recordings, *baseline], observation)
     with progress("Comparing", total=100) as advance:
-        found = compare(recordings, baseline, bare, criteria, advance, budget.leaves_out)
+        try:
+            found = compare(recordings, baseline, bare, criteria, advance, budget.leaves_out)
+        except np.linalg.LinAlgError as error:
+            raise InputError(
+                f"The simulator cannot follow the motion of {recordings[0].id!r} and the others; check the units of "
+                "qpos and action, and that their columns are those of the simulator's joints and actuators."
+            ) from error
         return report_of(found, bare, [r.id for r in baseline], criteria, budget.not_tried)
 
 

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from keycld_envs.effects import ActuatorGain, Effect
+from keycld_envs.effects import ActuatorGain, Effect, Parameter
 from keycld_envs.effects.places import ActuatorEffect
-from keycld_model.diagnosis.discrepancy.changes import Candidate, Contest, Difference
+from keycld_model.diagnosis.discrepancy.changes import Candidate, Column, Contest, Difference
 from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.discrepancy.regressors import answer_of, can_be_tested, spread_of_share
 from keycld_model.diagnosis.search.hypotheses import Hypothesis, hypotheses, recorded_range
@@ -77,6 +77,26 @@ def answers_of(motion: Motion, hypothesis: Hypothesis, sizes: Sequence[float] | 
         answer_of(motion, replace(hypothesis.effect, **{p.name: p.absent + amount})) / amount
         for p, amount in zip(hypothesis.coefficients, amounts, strict=True)
     ]
+
+
+BESIDE = 0.02
+"""Share of a nonlinear parameter's value by which it is moved to see how the gain bends."""
+
+
+def bent(contest: Contest, motion: Motion, found: Difference, parameter: Parameter, present: Sequence[Column]) -> float:
+    """Minus the second derivative of a difference's gain by a nonlinear parameter, its coefficients fitted anew."""
+    hypothesis, sizes = found.candidate.hypothesis, np.abs(found.values) if found.candidate.changed else None
+    value = float(getattr(hypothesis.effect, parameter.name))
+    step, gains = BESIDE * max(abs(value), 0.1 * parameter.scale), []
+    for x in (value - step, value + step):
+        now = replace(hypothesis, effect=replace(hypothesis.effect, **{parameter.name: x}))
+        before, answers = contest.regression.others.shape[2], np.stack(answers_of(motion, now, sizes), axis=-1)
+        own = contest.with_regression(contest.regression.with_others(answers))
+        columns = tuple(range(before, before + answers.shape[-1]))
+        anew = {"columns": columns} if sizes is None else {"changed": columns}
+        candidate = replace(found.candidate, hypothesis=now, **anew)
+        gains.append(own.test(candidate, own.baseline, own.new, present).gain)
+    return (2 * found.gain - sum(gains)) / step**2
 
 
 def refined(contest: Contest, motion: Motion, found: Difference, test: Test) -> tuple[Contest, Difference]:

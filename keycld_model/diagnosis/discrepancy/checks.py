@@ -11,6 +11,10 @@ from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.inputs.prepare import spacing
 
+FARTHER, STRONGER = 20.0, 100.0
+"""Times that the range of a baseline's positions and commands is exceeded by mistaken units: a radian is 57 degrees."""
+FEWEST = 4
+"""Windows of new recordings."""
 HINGE = mujoco.mjtJoint.mjJNT_HINGE
 
 
@@ -30,7 +34,7 @@ def check_alike(recordings: Sequence[Recording], baseline: Sequence[Recording]) 
         )
     for signal in ("qpos", "action"):
         ours, theirs = (r.units.get(signal) for r in (new, old))
-        if ours != theirs and None not in (ours, theirs):
+        if None not in (ours, theirs) and _by_column(ours) != _by_column(theirs):
             raise InputError(
                 f"Recording {new.id!r} has {signal} in {ours!r}, the baseline {old.id!r} in {theirs!r}; convert one of "
                 "them (units in meta.json)."
@@ -41,9 +45,39 @@ def check_alike(recordings: Sequence[Recording], baseline: Sequence[Recording]) 
             f"The recordings, such as {new.id!r}, have a sample every {1e3 * ours:.3g} ms, the baseline, such as "
             f"{old.id!r}, every {1e3 * theirs:.3g} ms; record both at similar rates."
         )
-    same = {r.id for r in recordings}.intersection(r.id for r in baseline if any(_equal(r, n) for n in recordings))
-    if same:
-        raise InputError(f"The recording {sorted(same)[0]!r} is in the baseline, too; compare with other runs.")
+    for r in recordings:
+        for b in baseline:
+            if _equal(r, b):
+                what = "is in the baseline, too" if r.id == b.id else f"equals {b.id!r} of the baseline"
+                raise InputError(f"The recording {r.id!r} {what}; compare with other runs.")
+    _check_sizes(recordings, baseline)
+
+
+def _by_column(unit: object) -> object:
+    """A unit, of a signal or of each of its columns; one where they agree."""
+    if not isinstance(unit, str) and isinstance(unit, Sequence) and len(set(unit)) == 1:
+        return unit[0]
+    return unit
+
+
+def _check_sizes(recordings: Sequence[Recording], baseline: Sequence[Recording]) -> None:
+    """Raise InputError if new positions or commands are so much larger that their units must be others."""
+    for signal, names, most in (("qpos", "joint_names", FARTHER), ("action", "actuator_names", STRONGER)):
+        values = [
+            [np.asarray(x, np.float64) for r in part if (x := getattr(r, signal)) is not None]
+            for part in (recordings, baseline)
+        ]
+        if not all(values) or not values[0][0].shape[1]:
+            continue
+        new, old = (np.max([np.nanmax(x, 0) - np.nanmin(x, 0) for x in part], axis=0) for part in values)
+        ratio = np.where(old > 0, new / np.where(old > 0, old, 1.0), 0.0)
+        if ratio.max() > most:
+            j = int(ratio.argmax())
+            raise InputError(
+                f"Recording {recordings[0].id!r} has {signal} of {getattr(recordings[0], names)[j]!r} over a range of "
+                f"{new[j]:.3g}, the baseline, such as {baseline[0].id!r}, of {old[j]:.3g}; check that both are in the "
+                "same units (keycld import --unit COLUMN=deg converts)."
+            )
 
 
 def check_runs(number: int) -> None:
@@ -95,7 +129,12 @@ def held_still(motion: Motion, baseline: NDArray[np.bool_]) -> NDArray[np.bool_]
 
 def check_enough(comparable: NDArray[np.bool_], new: NDArray[np.bool_]) -> None:
     """Raise InputError if few windows of new recordings stay within the range of the baseline."""
-    if comparable.sum() < max(4, 0.2 * new.sum()):
+    if new.sum() < FEWEST:
+        raise InputError(
+            f"The recordings have motion for {new.sum()} windows of some .4 s; {FEWEST} at least are needed to compare "
+            "them with the baseline. Record for longer."
+        )
+    if comparable.sum() < max(FEWEST, 0.2 * new.sum()):
         raise InputError(
             f"Only {comparable.sum()} of {new.sum()} windows of the recordings stay within the positions and "
             "speeds of the baseline; excite both alike, so that they can be compared."

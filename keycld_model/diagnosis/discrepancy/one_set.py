@@ -82,8 +82,9 @@ def _report(missing: Missing, best: Tried, gained: float, rolled: "_Rolled", mod
     """What the best set of effects, which gained so many nats, means."""
     findings = _findings(missing, best, rolled.corrected, model)
     motion, errors, fits = rolled.motion, rolled.errors, (rolled.refitted, rolled.corrected)
-    clear = min((f.family_confidence or 0.0) for f in findings) > RIGHT / 2
-    verdict = "mismatch" if clear and errors.corrected < errors.refitted else "undetermined"
+    likely = min((f.family_confidence or 0.0) for f in findings) > RIGHT / 2
+    clear = likely and all(map(_told, best.effects(), findings))
+    verdict = "mismatch" if clear and errors.better else "undetermined"
     left = unexplained(missing.motion, missing.discrepancy, errors, LEFT)
     return Report(
         verdict=verdict,
@@ -169,7 +170,10 @@ def _rivals(
     share = criteria.idealised_share
     own, same, everything, out = 1 - share * group.numbers, 1.0, 1.0, []
     for other, gained in alternatives:
-        weight = float(np.exp((gained * (1 - share * other.numbers) - own) / share))
+        if effect.key in other.keys:  # at other places, too, or at fewer
+            continue
+        better = (gained * (1 - share * other.numbers) - own) / share
+        weight = float(np.exp(min(better, 0.0)))  # what gains more was not accepted: it does not help everywhere
         here = [m.effect for m in other.members if m.effect.where == effect.where]
         everything += weight
         if here and here[0].family == effect.family:
@@ -177,6 +181,12 @@ def _rivals(
         if gained >= 1 - criteria.rival_share:
             out += [e for e in here or [m.effect for m in other.members] if e.key not in {r.key for r in out}]
     return 1 / everything, same / everything, out
+
+
+def _told(effect: Effect, finding: Finding) -> bool:
+    """Whether the interval of any coefficient leaves out that the effect is absent."""
+    numbers = [(p, finding.parameters[p.name]) for p in effect.parameters() if not p.grid]
+    return not numbers or any(not e.low <= p.absent <= e.high for p, e in numbers)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from keycld_envs.effects import AsymmetricFriction, Effect, PositionDependentFriction
 from keycld_envs.effects.places import ActuatorEffect
 from keycld_model.diagnosis.criteria import Criteria
-from keycld_model.diagnosis.discrepancy.candidates import Columns, refined
+from keycld_model.diagnosis.discrepancy.candidates import Columns, bent, refined
 from keycld_model.diagnosis.discrepancy.changes import Candidate, Column, Contest, Difference, Key
 from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
 from keycld_model.diagnosis.discrepancy.motion import Motion
@@ -205,7 +205,7 @@ class Selection:
         self.contest = contest
         return Change(
             difference.effect,
-            self._deviations(best),
+            self._deviations(contest, best, present),
             best,
             tuple((r, weight[id(r)]) for r in rest if self._score(r) > least),
             self._held_out(contest, difference.candidate, present),
@@ -219,14 +219,22 @@ class Selection:
         contest, difference = refined(self.contest, self.motion, ranked.difference, test)
         return contest, Ranked(difference, self._chance(difference))
 
-    def _deviations(self, ranked: Ranked) -> Array:
+    def _deviations(self, contest: Contest, ranked: Ranked, present: Sequence[Column]) -> Array:
         """Of all parameters, as much larger than white forces allow as runs of the baseline differ more than by chance.
 
-        Half a nat per number is what white forces alone would gain. Nonlinear parameters have none.
+        Half a nat per number is what white forces alone would gain. Nonlinear parameters are told by how the gain bends
+        there; where it does not, they are off by as much as they are.
         """
         d = ranked.difference
-        spread = np.sqrt(np.maximum(np.diag(d.covariance), 0.0) * max(1.0, 2 * ranked.chance / len(d.values)))
-        return d.candidate.hypothesis.of_all_parameters(spread)
+        larger = max(1.0, 2 * ranked.chance / len(d.values))
+        out = d.candidate.hypothesis.of_all_parameters(np.sqrt(np.maximum(np.diag(d.covariance), 0.0) * larger))
+        for k, parameter in enumerate(d.candidate.hypothesis.effect.parameters()):
+            if parameter.grid:
+                bend = bent(contest, self.motion, d, parameter, present)
+                out[k] = (
+                    np.sqrt(larger / bend) if bend > 0 else abs(getattr(d.candidate.hypothesis.effect, parameter.name))
+                )
+        return out
 
     def _held_out(self, contest: Contest, candidate: Candidate, present: Sequence[Column]) -> float:
         """Nats that sizes from the other new recordings gain on each."""

@@ -9,6 +9,9 @@ from keycld_envs.effects import EFFECTS, Effect, ExternalPulse
 from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors, Unexplained, Verdict
 from keycld_model.rigid_body.residual_force import ResidualForce
 
+MUCH_BEYOND = 0.25
+"""Share of the time beyond the range of a baseline that a headline mentions."""
+
 
 def effect_name(effect: str) -> str:
     """Name of an effect's id by itself: "Coulomb friction"."""
@@ -112,7 +115,7 @@ def headline(verdict: Verdict, findings: Sequence[Finding], errors: FitErrors, u
     what = _few(findings) if len(findings) < 3 else _many(findings)
     lacks = "lacks" if verdict == "mismatch" else "may lack"
     what = f"{what} that the simulator {lacks}" if len(findings) < 3 else f"The simulator {lacks} {what}"
-    verb = "falls" if errors.corrected < errors.refitted else "goes"
+    verb = "falls" if errors.better else "goes"
     return (
         f"{what[0].upper()}{what[1:]}; held-out error {verb} from {error(errors.refitted)} to "
         f"{error(errors.corrected)} {errors.unit}."
@@ -128,6 +131,8 @@ def changed_headline(
     seen: Mapping[str, str] | None = None,
     not_tried: Sequence[str] = (),
     still: Sequence[str] = (),
+    several: bool = True,
+    beyond: Mapping[str, float] | None = None,
 ) -> str:
     """What changed since a baseline, in one sentence.
 
@@ -140,6 +145,8 @@ def changed_headline(
         seen: dry friction that would have been found, by joint, with its unit, where nothing changed.
         not_tried: what there was no time for.
         still: joints that hardly move in the new recordings.
+        several: there is more than one new recording.
+        beyond: shares of the time in which new recordings leave the range of the baseline, by channel.
     """
     if not findings:
         if perhaps is not None:
@@ -150,10 +157,16 @@ def changed_headline(
         if not_tried:
             return f"Nothing was found in the time that was given, and {' and '.join(not_tried)} were not looked for."
         if verdict == "undetermined":
-            return "Some of the new recordings differ from the baseline, and others do not, or not in the same way."
+            what = "Some of the new recordings differ" if several else "Parts of the new recording differ"
+            return f"{what} from the baseline, and others do not, or not in the same way."
         sizes = " or ".join(f"{size} at {joint}" for joint, size in (seen or {}).items())
         untold = f" Nothing is told of {' and '.join(still)}, which hardly moves in them." if still else ""
         would = f" Of dry friction, {sizes} more would have been found." if seen else ""
+        share, channel = max(((s, c) for c, s in (beyond or {}).items()), default=(0.0, ""))
+        if share > MUCH_BEYOND:
+            untold += (
+                f" For {100 * share:.0f} % of the time, the {channel} is beyond the baseline's, and nothing is told."
+            )
         return (
             f"Nothing has changed: the recordings differ no more than the {runs} runs of the baseline among themselves."
             f"{would}{untold}"
@@ -166,7 +179,7 @@ def changed_headline(
         often = "once" if times == 1 else f"{times} times"
         return f"Somebody or something pushed {often} in the new recordings, at {where}; nothing else has changed."
     since = "that the baseline has not" if verdict == "mismatch" else "that the baseline may not have"
-    verb = "falls" if errors.corrected < errors.refitted else "goes"
+    verb = "falls" if errors.better else "goes"
     return (
         f"{what[0].upper()}{what[1:]} {since}; held-out error {verb} from {error(errors.refitted)} to "
         f"{error(errors.corrected)} {errors.unit}."

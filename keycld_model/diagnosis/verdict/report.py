@@ -117,6 +117,11 @@ class FitErrors:
     corrected: float
     ceiling: float | None = None
 
+    @property
+    def better(self) -> bool:
+        """The findings make rollouts better."""
+        return self.corrected < self.refitted
+
     @classmethod
     def of(cls, metric: str, units: tuple[str, ...], errors: Sequence[float]) -> "FitErrors":
         """Errors of channels with these units, nominal first, in thousandths."""

@@ -241,7 +241,7 @@ def _scaled(estimate: Estimate, factor: float, origin: float, unit: str) -> Esti
     return Estimate(value, unit, low, high)
 
 
-def code(evidence: Evidence, environment: str | None, corrected: str | None) -> list[Block]:
+def code(evidence: Evidence, environment: str | None, corrected: str | None, compared: bool = False) -> list[Block]:
     """Python that simulates what was found."""
     moving = [e for e in evidence.effects if not e.observes and spelled_out(e)]
     blocks = []
@@ -256,6 +256,11 @@ def code(evidence: Evidence, environment: str | None, corrected: str | None) -> 
         rest = [e for e in native(evidence.refitted, evidence.effects).others if e in moving]
         added = "physics that MuJoCo lacks is added step by step" if rest else "physics added" if moving else ""
         about = "The corrected simulator: masses and lengths refitted" + (", " + added if added else "") + "."
+        if compared:
+            about += (
+                " Beside what changed, it has viscous and Coulomb friction and a constant force at every joint, for "
+                "rollouts over the baseline to be right; names of what both sets have, above, are of another fit."
+            )
         blocks.append(Block(about, _stepping(rest, load) if rest else ["import mujoco", "", load]))
     return blocks
 
