@@ -85,7 +85,7 @@ BESIDE = 0.02
 
 def bent(contest: Contest, motion: Motion, found: Difference, parameter: Parameter, present: Sequence[Column]) -> float:
     """Minus the second derivative of a difference's gain by a nonlinear parameter, its coefficients fitted anew."""
-    hypothesis, sizes = found.candidate.hypothesis, np.abs(found.values) if found.candidate.changed else None
+    hypothesis, sizes = found.candidate.hypothesis, np.abs(found.values).tolist() if found.candidate.changed else None
     value = float(getattr(hypothesis.effect, parameter.name))
     step, gains = BESIDE * max(abs(value), 0.1 * parameter.scale), []
     for x in (value - step, value + step):

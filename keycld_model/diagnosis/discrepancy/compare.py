@@ -48,6 +48,7 @@ class Comparison:
         chance: nats that each candidate gains between runs of the baseline, by effect and place.
         pushes: in new recordings.
         faint: what most looks like a push, if anything does.
+        selection: that found the changes.
     """
 
     motion: Motion
@@ -62,6 +63,7 @@ class Comparison:
     chance: Mapping[Key, float]
     pushes: Sequence[Push]
     faint: Push | None
+    selection: Selection
 
     @property
     def right(self) -> float:
@@ -125,7 +127,19 @@ def compare(
     advance(10)
     left = selection.discrepancy
     return Comparison(
-        motion, terms, common, changes, next_best, inconsistent, beyond, left, contest, selection.chance, given, faint
+        motion,
+        terms,
+        common,
+        changes,
+        next_best,
+        inconsistent,
+        beyond,
+        left,
+        contest,
+        selection.chance,
+        given,
+        faint,
+        selection,
     )
 
 

@@ -218,8 +218,8 @@ class Motion:
     def _rolled(self, pushes: Array) -> Array:
         """Whitened residuals `[W, r]` of rollouts with pushes `[W, S, nv]`."""
         none, one = Variant(np.zeros(len(self.problem.nuisances))), np.zeros(1, np.int64)
-        first = (x[:, 0][None] for x in self.path)
-        return self.problem.whiten(self.problem.predict([none], one, *first, pushes[None]))[0]
+        q, v = (x[:, 0][None] for x in self.path)
+        return self.problem.whiten(self.problem.predict([none], one, q, v, pushes[None]))[0]
 
 
 _PER_WINDOW = ("q", "v", "a", "u", "time", "required", "states", "response", "residual", "forces")

@@ -55,8 +55,7 @@ def report_of(
         criteria: thresholds.
         not_tried: what there was no time for; without it, nobody can say that nothing changed.
     """
-    rolled = _Rolled.of(found, model, criteria)
-    errors = rolled.errors(found)
+    found, rolled, errors = _borne_out(found, _Rolled.of(found, model, criteria))
     runs = len(ids)
     right = found.right if errors.better else NOT_BETTER
     findings = [_finding(c, right, model, runs) for c in found.changes] + _pushes(found, model)
@@ -98,6 +97,20 @@ def report_of(
             baseline=rolled.refitted,
         ),
     )
+
+
+def _borne_out(found: Comparison, rolled: "_Rolled") -> tuple[Comparison, "_Rolled", FitErrors]:
+    """What was found, or the rival in its place with which rollouts are better where with it they are not."""
+    errors = rolled.errors(found)
+    if not found.changes or errors.better:
+        return found, rolled, errors
+    best = found, rolled, errors
+    for change in found.selection.instead_of(found.changes[0]):
+        other = replace(found, changes=[change], contest=found.selection.contest)
+        errors = rolled.errors(other)
+        if errors.better and errors.corrected < best[2].corrected:
+            best = other, rolled.with_changes(other.changes), errors
+    return best
 
 
 def _perhaps(found: Comparison, criteria: Criteria) -> str | None:
@@ -249,10 +262,15 @@ class _Rolled:
         new = np.isin(found.contest.recording, found.contest.new)
         after = everything.take(np.flatnonzero(new))
         start = replace(refitted, point=replace(refitted.point, variant=problem.start().variant))
-        changed = _with_changes(refitted, [c.effect for c in found.changes])
         before = replay(after, refitted)
-        corrected = replay(after, changed) if found.changes else before
-        return cls(new, refitted, replay(after, start), before, corrected)
+        return cls(new, refitted, replay(after, start), before, before).with_changes(found.changes)
+
+    def with_changes(self, changes: Sequence[Change]) -> "_Rolled":
+        """With these, in place of others."""
+        if not changes:
+            return replace(self, after=self.before)
+        changed = _with_changes(self.refitted, [c.effect for c in changes])
+        return replace(self, after=replay(self.before.problem, changed))
 
     def errors(self, found: Comparison) -> FitErrors:
         """Each half of the new recordings with sizes from the other one."""

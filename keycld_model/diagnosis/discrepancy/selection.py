@@ -123,6 +123,18 @@ class Selection:
             self.taken.add(change.effect.key)
         return found, None, False
 
+    def instead_of(self, first: Change) -> list[Change]:
+        """What the rivals of the first change would be in its place; it is then one of theirs, and no likelier."""
+        out = []
+        for rival, _ in first.rivals:
+            own = [c for c in self.contest.candidates if c.key == rival.effect.key]
+            tested = [self.contest.test(c, self.contest.baseline, self.contest.new) for c in own]
+            best = max((Ranked(d, self._chance(d)) for d in tested), key=self._score)
+            change = self._change([best], [best], [])
+            others = [(r, w) for r, w in first.rivals if r is not rival]
+            out.append(replace(change, rivals=((first.ranked, 1.0), *others)))
+        return [change for change in out if change.held_out > 0 and _possible(change.ranked.difference)]
+
     def _clear(self, ranked: Sequence[Ranked]) -> list[Ranked]:
         """Those that come near the best and gain more than chance does, the best first.
 
