@@ -115,7 +115,7 @@ def headline(verdict: Verdict, findings: Sequence[Finding], errors: FitErrors, u
     what = _few(findings) if len(findings) < 3 else _many(findings)
     lacks = "lacks" if verdict == "mismatch" else "may lack"
     what = f"{what} that the simulator {lacks}" if len(findings) < 3 else f"The simulator {lacks} {what}"
-    verb = "falls" if errors.better else "goes"
+    verb = "falls" if errors.corrected < errors.refitted else "goes"
     return (
         f"{what[0].upper()}{what[1:]}; held-out error {verb} from {error(errors.refitted)} to "
         f"{error(errors.corrected)} {errors.unit}."
@@ -179,7 +179,7 @@ def changed_headline(
         often = "once" if times == 1 else f"{times} times"
         return f"Somebody or something pushed {often} in the new recordings, at {where}; nothing else has changed."
     since = "that the baseline has not" if verdict == "mismatch" else "that the baseline may not have"
-    verb = "falls" if errors.better else "goes"
+    verb = "falls" if errors.corrected < errors.refitted else "goes"
     return (
         f"{what[0].upper()}{what[1:]} {since}; held-out error {verb} from {error(errors.refitted)} to "
         f"{error(errors.corrected)} {errors.unit}."

@@ -9,6 +9,9 @@ from keycld_model.diagnosis.estimation.replay import error_unit
 from keycld_model.diagnosis.verdict.evidence import Evidence
 
 Verdict = Literal["no_mismatch", "mismatch", "undetermined"]
+BETTER = 0.95
+"""Share of the error of rollouts that findings may leave at most: of 40 right changes in real recordings none left more
+than .9, and one in which nothing had changed left .996 (docs/notebook/2026-11-26-noisy-commands.md)."""
 SCHEMA = "keycld.diagnosis/1"
 EXIT_CODES: dict[Verdict, int] = {"no_mismatch": 0, "mismatch": 10, "undetermined": 11}
 
@@ -119,8 +122,8 @@ class FitErrors:
 
     @property
     def better(self) -> bool:
-        """The findings make rollouts better."""
-        return self.corrected < self.refitted
+        """The findings make rollouts better by more than chance does."""
+        return self.corrected < BETTER * self.refitted
 
     @classmethod
     def of(cls, metric: str, units: tuple[str, ...], errors: Sequence[float]) -> "FitErrors":
