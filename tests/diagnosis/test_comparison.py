@@ -18,10 +18,14 @@ from keycld_envs.recordings import Recording, write_recording
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import Report, diagnose
 from keycld_model.diagnosis.criteria import STANDARD
+from keycld_model.diagnosis.discrepancy.checks import check_overlap
+from keycld_model.diagnosis.discrepancy.compare import compare
 from keycld_model.diagnosis.discrepancy.detectable import detectable
 from keycld_model.diagnosis.discrepancy.motion import Motion, inverse_dynamics
+from keycld_model.diagnosis.discrepancy.outcome import report_of
 from keycld_model.diagnosis.discrepancy.regression import regression
 from keycld_model.diagnosis.discrepancy.regressors import answer_of, force_of, shared_terms
+from keycld_model.diagnosis.discrepancy.selection import Ranked
 from keycld_model.diagnosis.output.page import html_page
 
 Force = Callable[..., np.ndarray]
@@ -158,6 +162,19 @@ def test_a_late_sensor_shows_an_earlier_position(motion: tuple[Motion, list[Reco
     assert late[:, inside] == pytest.approx(-0.01 * speed[:, inside], abs=0.01)
 
 
+def test_forces_that_change_in_every_step_are_answered_step_by_step(motion: tuple[Motion, list[Recording]]) -> None:
+    followed, _ = motion
+    rng, shape, parts = np.random.default_rng(0), followed.v.shape, followed.forces.shape[1]
+    steady = np.repeat(rng.normal(size=(shape[0], parts, 1)), np.diff(followed.windows.edges(parts)), axis=1)
+    assert followed.answer_by_step(steady) == pytest.approx(followed.answer(steady), rel=0.02, abs=0.5)
+    begun = np.where(np.arange(shape[1]) == 0, 1.0, 0.0)[None, :, None] * np.ones(shape)
+    late = np.roll(begun, 1, axis=1)  # the same mean over the first part; what it did comes a step later
+    assert followed.answer(late) == pytest.approx(followed.answer(begun))
+    early, later = (followed.answer_by_step(f) for f in (begun, late))
+    assert np.all(np.abs(later - early).max(axis=1) > 0.02 * np.abs(early).max(axis=1))
+    assert not followed.answer_by_step(0 * steady).any()
+
+
 def words(recordings: Sequence[Recording], folder: Path) -> str:
     for r in recordings:
         write_recording(folder / r.id, r)
@@ -189,9 +206,49 @@ def test_sets_that_cannot_be_compared_are_refused_with_both_named() -> None:
     ]
     with pytest.raises(InputError, match="The recordings hardly move: hinge by"):
         diagnose(resting, model, baseline=before)
-    far = [replace(r, qpos=np.asarray(r.qpos) * 40) for r in new]
-    with pytest.raises(InputError, match="excite both alike"):
-        diagnose(far, model, baseline=before)
+    with pytest.raises(InputError, match=r"For 90 % of the time, the speed of hinge .* excite both alike"):
+        check_overlap({"command of motor": 1.0, "speed of hinge": 0.9})
+    degrees = [replace(r, qpos=np.rad2deg(np.asarray(r.qpos))) for r in new]
+    with pytest.raises(
+        InputError, match=r"qpos of 'hinge' over a range of .* the baseline, such as 'run-0', of .* units"
+    ):
+        diagnose(degrees, model, baseline=before)
+    weaker = [replace(r, action=1e-3 * np.asarray(r.action)) for r in before]
+    with pytest.raises(InputError, match=r"action of .* units"):
+        diagnose(new, model, baseline=weaker)
+    with pytest.raises(InputError, match="'copy' equals 'run-0' of the baseline"):
+        diagnose([renamed(before[0], "copy")], model, baseline=before)
+    short = replace(
+        new[0], t_state=new[0].t_state[:45], qpos=np.asarray(new[0].qpos)[:45], qvel=None, action=None, t_action=None
+    )
+    with pytest.raises(InputError, match=r"motion for 1 windows .* Record for longer|hardly move"):
+        diagnose([short], model, baseline=[replace(r, action=None, t_action=None) for r in before])
+
+
+@pytest.mark.slow
+def test_a_change_that_rollouts_do_not_bear_out_gives_way_to_a_rival_that_they_do() -> None:
+    new, before = sets("pendulum", dry)
+    model, time = get_system("pendulum").compile(), lambda what: False
+    found = compare(new, before, model, STANDARD, lambda *now: None, time)
+    (right,) = found.changes
+    contest = found.selection.contest
+    spring = next(c for c in contest.candidates if c.hypothesis.effect.id == "spring")
+    difference = contest.test(spring, contest.baseline, contest.new)
+    wrong = replace(
+        right,
+        effect=difference.effect,
+        deviations=np.zeros(2),
+        ranked=Ranked(difference, 1.0),
+        rivals=((right.ranked, 0.1),),
+    )
+    report = report_of(replace(found, changes=[wrong]), model, [r.id for r in before], STANDARD)
+    assert [f.effect for f in report.findings] == ["coulomb_friction"]
+    assert report.findings[0].confidence < 0.43 and "spring" in report.findings[0].rivals
+    alone = report_of(replace(found, changes=[replace(wrong, rivals=())]), model, [r.id for r in before], STANDARD)
+    assert (alone.verdict, alone.findings[0].effect) == ("undetermined", "spring")
+    assert alone.findings[0].confidence < 0.2 and not alone.fit.better
+    assert alone.evidence is not None and alone.evidence.corrected is not None
+    assert "spring" not in {e.id for e in alone.evidence.effects}
 
 
 @pytest.mark.long
