@@ -72,7 +72,7 @@ def _print_table(found: "list[Detectable]", others: list[str]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("place", "effect", "smallest size", "force, rms", box=box.SIMPLE)
+    table = Table("place", "effect", "smallest difference", "force, rms", box=box.SIMPLE)
     for d in found:
         size = f"{d.parameter} = {d.size:.2g} {d.unit}" if isfinite(d.size) else f"{d.parameter}: none"
         table.add_row(f"{d.kind} {d.where}", d.effect, size, f"{d.force:.2g}" if isfinite(d.force) else "")
