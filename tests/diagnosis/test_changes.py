@@ -120,6 +120,16 @@ def test_a_joint_that_is_held_still_is_named_and_not_vouched_for() -> None:
     assert said.endswith("more would have been found. Nothing is told of elbow, which hardly moves in them.")
 
 
+def test_headlines_say_how_much_was_not_compared_and_of_how_many() -> None:
+    errors = FitErrors("", "mrad", 3.0, 2.0, 2.0)
+    said = changed_headline("no_mismatch", [], errors, 4, beyond={"speed of elbow": 0.1, "position of elbow": 0.49})
+    assert said.endswith("For 49 % of the time, the position of elbow is beyond the baseline's, and nothing is told.")
+    assert "beyond" not in changed_headline("no_mismatch", [], errors, 4, beyond={"position of elbow": 0.1})
+    assert changed_headline("undetermined", [], errors, 4, several=False).startswith(
+        "Parts of the new recording differ"
+    )
+
+
 def test_motors_that_never_pushed_are_not_told_of() -> None:
     passive = recordings("pendulum", 3, unmodelled)[::3]
     sizes = {d.effect: d.size for d in detectable(passive, PENDULUM) if d.kind == "actuator"}

@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from plants import recordings
 
+from keycld_envs.effects import CoulombFriction, Effect, ViscousFriction
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.criteria import STANDARD
-from keycld_model.diagnosis.discrepancy.missing import _folds
+from keycld_model.diagnosis.discrepancy.missing import Group, _folds
 from keycld_model.diagnosis.discrepancy.motion import Motion
+from keycld_model.diagnosis.discrepancy.one_set import _rivals, _told
+from keycld_model.diagnosis.search.hypotheses import Hypothesis
+from keycld_model.diagnosis.verdict.report import Estimate, Finding
 
 SIZES = np.array([0.15, 0.08])
 
@@ -49,3 +53,23 @@ def test_parts_of_a_recording_have_as_much_motion_each() -> None:
     assert all(len(np.unique(recording[fold == f])) == 1 for f in range(6))
     motion.moves[:] = True
     assert np.bincount(_folds(motion)).tolist() == [6] * 6  # pyright: ignore[reportArgumentType]
+
+
+def test_an_effect_is_no_rival_of_itself_and_what_helps_more_in_parts_alone_is_no_likelier() -> None:
+    def group(*effects: Effect) -> Group:
+        own = [Hypothesis(e, e.parameters()) for e in effects]
+        return Group(tuple(own), tuple((i,) for i in range(len(own))))
+
+    found, dry = ViscousFriction("elbow", 0.1), CoulombFriction("elbow", 0.1)
+    everywhere = group(found, ViscousFriction("shoulder", 0.1))
+    alternatives = [(everywhere, 3.0), (group(dry), 1.5), (group(CoulombFriction("shoulder", 0.1)), 0.6)]
+    confidence, of_family, rivals = _rivals(found, group(found), alternatives, STANDARD)
+    assert rivals == [dry]
+    assert confidence == pytest.approx(0.5, abs=0.01) and of_family == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("low, told", [(0.02, True), (0.0, False)])
+def test_what_may_be_nothing_is_not_told(low: float, told: bool) -> None:
+    effect = ViscousFriction("elbow", 0.1)
+    finding = Finding.of(effect, {"b": Estimate(0.1, "N m s/rad", low, 0.2)}, 0.8)
+    assert _told(effect, finding) is told
