@@ -67,7 +67,7 @@ def inspect(system: System, seed: int = 0) -> Inspection:
     actuators = motion.actuators(system, poses)
     wrong = tuple(motion.problems(system, poses, actuators))
     usual = motion.speed(system, seed)
-    minded = (*motion.advice(system, seed, poses, usual), *_contacts(poses))
+    minded = (*motion.advice(system, seed, poses, usual), *camera.advice(poses), *_contacts(poses))
     return Inspection(poses, values, seen, actuators, usual, wrong, minded)
 
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.inspection.poses import PIXEL, Poses
+from keycld_envs.inspection.poses import PIXEL, SIDE, Poses
 
 IN_VIEW = 0.95
 """Fraction of random poses in which each keypoint has to be in the image."""
@@ -14,6 +14,10 @@ FLAT = 0.02
 """Of the distance to the camera, by which a keypoint may move towards it."""
 STILL = 0.5 * PIXEL
 """Image units; what moves less over random poses stays where it is."""
+HIDDEN = 0.3
+"""Of what is seen of a body in usual poses, below which it is hidden."""
+LOOKED_AT = 30
+"""Random poses that are usual."""
 VISIBLE = 12
 """Levels of 255 by which some pixel has to change between poses."""
 
@@ -49,6 +53,33 @@ def problems(poses: Poses) -> Iterator[str]:
     mass = _hidden_mass(poses)
     if mass is not None:
         yield f"Body {mass!r} moves behind the camera {name!r} of system {system.name!r}; move the camera back."
+
+
+def advice(poses: Poses) -> Iterator[str]:
+    """What is hidden at the target, where an agent has to see it; a sentence each."""
+    usual = np.median([_pixels(poses, qpos) for qpos in poses.qpos[:-2][:LOOKED_AT]], axis=0)
+    there = _pixels(poses, poses.qpos[-2])
+    for body in {poses.model.body(landmark.body).id for landmark in poses.system.landmarks}:
+        if there[body] < HIDDEN * usual[body]:
+            yield (
+                f"At target_qpos, body {poses.model.body(body).name!r} is hidden: camera {poses.system.camera!r} sees "
+                f"{there[body]} of the {usual[body]:.0f} pixels that it usually sees of it, and an agent needs to see "
+                "it there; move its geoms nearer to the camera, or choose another target."
+            )
+
+
+def _pixels(poses: Poses, qpos: NDArray[np.float64]) -> NDArray[np.int64]:
+    """[nbody] rays through the pixels of the camera that meet each body first."""
+    model, data, camera = poses.model, mujoco.MjData(poses.model), poses.model.camera(poses.system.camera).id
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    across = np.tan(np.deg2rad(model.cam_fovy[camera]) / 2) * ((np.arange(SIDE) + 0.5) / SIDE * 2 - 1)
+    x, y = np.meshgrid(across, -across)
+    rays = np.stack([x, y, -np.ones_like(x)], -1).reshape(-1, 3) @ data.cam_xmat[camera].reshape(3, 3).T
+    geoms, far = np.full(len(rays), -1, np.int32), np.zeros(len(rays))
+    start, directions = data.cam_xpos[camera], np.ascontiguousarray(rays).ravel()
+    mujoco.mj_multiRay(model, data, start, directions, None, True, -1, geoms, far, None, len(rays), mujoco.mjMAXVAL)
+    return np.bincount(model.geom_bodyid[geoms[geoms >= 0]], minlength=model.nbody)
 
 
 def _outside(poses: Poses) -> Iterator[str]:

@@ -104,6 +104,15 @@ def test_a_target_that_motors_can_just_hold(tmp_path: Path) -> None:
     assert f"{needed:.3g}" in problem
 
 
+def test_what_is_hidden_at_the_target_is_named(tmp_path: Path) -> None:
+    short, in_front = 'fromto="0 0 0 0 0 .6"', 'fromto="0 -.13 0 0 -.13 .6"'
+    assert short in TWO_POLES
+    within = [w for w in inspect(proposed(tmp_path, TWO_POLES)).warnings if "hidden" in w]
+    assert len(within) == 1 and "body 'short' is hidden" in within[0] and "sees 0 of the" in within[0]
+    before = proposed(tmp_path, TWO_POLES.replace(short, in_front))
+    assert not [w for w in inspect(before).warnings if "hidden" in w]
+
+
 def test_documents_that_no_declaration_can_be_made_for(tmp_path: Path) -> None:
     for mjcf, words in (
         (TWO_POLES.split("<actuator>")[0].replace('name="rail"', "") + "</mujoco>", "joint 0 has no name"),
