@@ -14,8 +14,6 @@ from jax import Array
 
 from keycld_control.plant import Plant, advanced, project
 
-KEYPOINT_NOISE = 0.004
-"""Standard deviation of the encoder's keypoints, image units."""
 ACCELERATION_NOISE = 2.0
 """Standard deviation of the model's acceleration, image units per second squared."""
 INITIAL_SPEED = 3.0
@@ -41,7 +39,7 @@ class Estimate(NamedTuple):
 def first_estimate(plant: Plant, keypoints: Array) -> Estimate:
     """Start at keypoints `[n]`, at rest but uncertain of it."""
     x, v = project(plant, keypoints, jnp.zeros_like(keypoints), iterations=3)
-    return Estimate(x, v, jnp.array([KEYPOINT_NOISE**2, 0.0, INITIAL_SPEED**2], keypoints.dtype))
+    return Estimate(x, v, jnp.array([plant.keypoint_noise**2, 0.0, INITIAL_SPEED**2], keypoints.dtype))
 
 
 def predicted(plant: Plant, estimate: Estimate, action: Array) -> Estimate:
@@ -57,7 +55,8 @@ def predicted(plant: Plant, estimate: Estimate, action: Array) -> Estimate:
 def corrected(plant: Plant, prior: Estimate, keypoints: Array) -> Estimate:
     """What is known with the keypoints `[n]` seen."""
     p, c, s = prior.covariance
-    gain_x, gain_v = p / (p + KEYPOINT_NOISE**2), c / (p + KEYPOINT_NOISE**2)
+    noise = plant.keypoint_noise**2
+    gain_x, gain_v = p / (p + noise), c / (p + noise)
     surprise = keypoints - prior.x
     x, v = project(plant, prior.x + gain_x * surprise, prior.v + gain_v * surprise)
     return Estimate(x, v, jnp.stack([(1 - gain_x) * p, (1 - gain_x) * c, s - gain_v * c]))

@@ -13,6 +13,9 @@ from keycld_model import physics
 from keycld_model.added_effects import AddedEffects
 from keycld_model.numerics import rk4_step
 
+KEYPOINT_NOISE = 0.004
+"""Standard deviation of the estimator's keypoints at least, image units."""
+
 
 class LearnedModel(Protocol):
     """What an agent needs from a world model; `keycld_model.WorldModel` has it.
@@ -63,7 +66,11 @@ class LearnedModel(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """The mechanics of a world model; see `LearnedModel` for the fields."""
+    """The mechanics of a world model; see `LearnedModel` for the fields.
+
+    Attributes:
+        keypoint_noise: standard deviation of keypoints that are found in an image, image units.
+    """
 
     mechanism: Mechanism
     masses: Array
@@ -73,6 +80,7 @@ class Plant:
     potential_energy: Callable[[Array], Array]
     input_matrix: Callable[[Array], Array]
     added: AddedEffects | None = None
+    keypoint_noise: float = KEYPOINT_NOISE
 
     @classmethod
     def of(cls, model: LearnedModel) -> "Plant":

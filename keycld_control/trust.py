@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from keycld_control.observer import KEYPOINT_NOISE, LOST, Estimate, choose, corrected, first_estimate, predicted
+from keycld_control.observer import LOST, Estimate, choose, corrected, first_estimate, predicted
 from keycld_control.plant import Plant
 
 DOUBTFUL = 12.0
@@ -86,7 +86,7 @@ def judged(
     frozen = repeated & (surprise(ghost, keypoints) > FROZEN)
     shown = shown & ~frozen
     off = surprise(prior, keypoints)
-    doubt = trust.doubt + (off**2 / (prior.covariance[0] + KEYPOINT_NOISE**2) - trust.doubt) / MEMORY
+    doubt = trust.doubt + (off**2 / (prior.covariance[0] + plant.keypoint_noise**2) - trust.doubt) / MEMORY
     agrees = shown & ~blind & (off < LOST) & (trust.beginning | (doubt < DOUBTFUL))  # also false for NaN
     anew = shown & ~agrees
     estimate = jax.lax.cond(
