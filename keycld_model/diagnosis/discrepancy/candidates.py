@@ -49,15 +49,15 @@ class Columns:
 def _precision(motion: Motion, hypothesis: Hypothesis) -> float:
     """Of what both sets have of an effect: nothing is known but of motors, which are nearly what the simulator says.
 
-    With masses and motors free, nothing would need any force at all, were all of them zero; and commands of a feedback
-    have noise that never becomes torque, for which a gain that both sets share would fall. So gains stay those of the
-    simulator, for which masses make up. Dead zones change the torque by a share.
+    With masses and the only motor free, nothing would need any force at all, were both zero. So its gain stays that of
+    the simulator, for which masses make up. Where there are several, all of them held are worse: a motor that does
+    nothing but make up for friction has the gain of any friction. Dead zones change the torque by a share.
     """
     effect = hypothesis.effect
     if not isinstance(effect, ActuatorEffect) or effect.memory:
         return 0.0
     if isinstance(effect, ActuatorGain):
-        return 1e12
+        return 1e12 if motion.model.nu == 1 else 0.0
     spreads = [spread_of_share(motion, effect, number) for number in hypothesis.coefficients]
     return min(spreads, default=np.inf) ** -2.0
 

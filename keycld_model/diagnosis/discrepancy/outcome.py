@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from keycld_envs.effects import ActuatorGain, ConstantForce, CoulombFriction, Effect, ExternalPulse, ViscousFriction
+from keycld_envs.effects import ConstantForce, CoulombFriction, Effect, ExternalPulse, ViscousFriction
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.checks import held_still
 from keycld_model.diagnosis.discrepancy.compare import Comparison
@@ -23,7 +23,7 @@ from keycld_model.diagnosis.output.words import changed_headline, in_sentence
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.evidence import evidence
 from keycld_model.diagnosis.verdict.findings import Pushed, estimates, findings_of_pushes, nuisance_of
-from keycld_model.diagnosis.verdict.report import BETTER, Finding, FitErrors, Report, Verdict
+from keycld_model.diagnosis.verdict.report import Finding, FitErrors, Report, Verdict
 
 IN_BOTH = 0.19
 """Confidence of what both sets have in common: it is fitted beside all that nobody modelled, and nothing cancels."""
@@ -102,17 +102,16 @@ def report_of(
 def _borne_out(found: Comparison, rolled: "_Rolled") -> tuple[Comparison, "_Rolled", FitErrors]:
     """What was found, or a rival in its place with which rollouts are better, where with it they are not.
 
-    The gain of a motor, which both sets share only as the simulator has it, stays only if they are no worse with it
-    than with a rival. Of other changes that are borne out, rollouts do not tell the right one.
+    Of two that are both borne out, rollouts do not tell the right one.
     """
     errors = rolled.errors(found)
     best = found, rolled, errors
-    if not found.changes or (errors.better and [c.effect.id for c in found.changes] != [ActuatorGain.id]):
+    if not found.changes or errors.better:
         return best
     for change in found.selection.instead_of(found.changes[0]):
         other = replace(found, changes=[change], contest=found.selection.contest)
-        tried, least = rolled.errors(other), best[2].corrected
-        if tried.better and tried.corrected < (BETTER * least if best[2].better else least):
+        tried = rolled.errors(other)
+        if tried.better and tried.corrected < best[2].corrected:
             best = other, rolled.with_changes(other.changes), tried
     return best
 
