@@ -1,10 +1,15 @@
+from dataclasses import replace
+
 import gymnasium as gym
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from gymnasium import spaces
 from oracle import RANGE, SHAPE, SYSTEMS, image_of, make_oracle, point_masses
 
 from keycld_control import EnergyShapingAgent
+from keycld_control.agent import _keypoint_noise
+from keycld_control.plant import KEYPOINT_NOISE
 from keycld_envs import InputError, Mechanism, get_system
 
 UPRIGHT = (0.0, 0.0)
@@ -163,3 +168,13 @@ def test_underactuated_mechanisms_are_refused():
     object.__setattr__(oracle, "input_matrix_fn", lambda x: full(x)[:, 1:])
     with pytest.raises(InputError, match=r"1 action\(s\) for 2 degree\(s\) of freedom"):
         EnergyShapingAgent(oracle, image_of(point_masses("acrobot", UPRIGHT)), action_limit=3.0)
+
+
+@pytest.mark.parametrize("off, noise", [(0.0, KEYPOINT_NOISE), (0.005, KEYPOINT_NOISE), (0.03, 0.03)])
+def test_keypoints_that_are_far_off_at_the_target_are_trusted_less(off, noise):
+    """Where a part is hidden behind another, a rod may seem too long."""
+    model = make_oracle("acrobot")
+    image = image_of(point_masses("acrobot", UPRIGHT))
+    target = model.keypoints_fn(jnp.asarray(image))
+    seen = replace(model, keypoints_fn=lambda image: model.keypoints_fn(image) + off * jnp.array([0.0, 0, 0, 1]))
+    assert _keypoint_noise(seen, image, target) == pytest.approx(noise, rel=1e-3)
