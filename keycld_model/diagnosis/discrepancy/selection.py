@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.effects import AsymmetricFriction, Effect, PositionDependentFriction
+from keycld_envs.effects import ActuatorDeadZone, ActuatorGain, AsymmetricFriction, Effect, PositionDependentFriction
 from keycld_envs.effects.places import ActuatorEffect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.candidates import Columns, bent, refined
@@ -16,11 +16,15 @@ from keycld_model.diagnosis.discrepancy.changes import Candidate, Column, Contes
 from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
 from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.discrepancy.regression import Mask, whitened_again
-from keycld_model.diagnosis.discrepancy.regressors import Term
+from keycld_model.diagnosis.discrepancy.regressors import Term, force_of, torque_per_command
 
 Array = NDArray[np.float64]
 FINALISTS = 14
 """Candidates that are fitted robustly, of those that gain most to first order."""
+
+
+MOTORLESS = 0.95
+"""Share of a motor's torque, root mean square, that is all of it but for what commands vary."""
 
 
 @dataclass(frozen=True)
@@ -173,8 +177,22 @@ class Selection:
             again = whitened_again(self.motion, self.terms, self.columns.answers, self.baseline, self.discrepancy)
             self.contest = self.contest.with_regression(again)
             best = self._tested(present)
-        possible = [r for r in best if _possible(r.difference)]
+        possible = [r for r in best if _possible(r.difference) and self._drives(r)]
         return sorted(possible, key=self._score, reverse=True)
+
+    def _drives(self, ranked: Ranked) -> bool:
+        """Whether motors still do some of what they are told, in new recordings.
+
+        Of a dead zone beyond all commands nothing tells how large it is, and a motor that does nothing is any friction
+        that its commands made up for.
+        """
+        effect, new = ranked.difference.effect, ~self.baseline
+        if not isinstance(effect, ActuatorDeadZone | ActuatorGain):
+            return True
+        lost = force_of(self.motion, effect)[new]
+        told = self.motion.u[new] @ torque_per_command(self.motion.model).T
+        moved = np.any(lost, axis=(0, 1))
+        return bool(np.sum(lost**2) < MOTORLESS**2 * np.sum(told[..., moved] ** 2) or not moved.any())
 
     def _score(self, ranked: Ranked) -> float:
         """Gain, of which chance is paid, and each number: forms are idealised, so that more of them always gain."""
@@ -207,7 +225,8 @@ class Selection:
         """The best with its parameters, refined beside those that come near."""
         near = clear[:5]
         fits = [self._refined(r, present) for r in near]
-        contest, best = max(fits, key=lambda fit: self._score(fit[1]))
+        driving = [fit for fit in fits if self._drives(fit[1])] or fits
+        contest, best = max(driving, key=lambda fit: self._score(fit[1]))
         rest = [r for _, r in fits if r is not best] + [r for r in ranked if r not in near]
         weight = {id(r): self._likelihood(r, best) for r in rest}
         least = (1 - self.criteria.rival_share) * self._score(best)
