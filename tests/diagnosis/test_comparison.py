@@ -219,7 +219,12 @@ def test_sets_that_cannot_be_compared_are_refused_with_both_named() -> None:
     with pytest.raises(InputError, match="'copy' equals 'run-0' of the baseline"):
         diagnose([renamed(before[0], "copy")], model, baseline=before)
     short = replace(
-        new[0], t_state=new[0].t_state[:45], qpos=np.asarray(new[0].qpos)[:45], qvel=None, action=None, t_action=None
+        new[0],
+        t_state=np.asarray(new[0].t_state)[:45],
+        qpos=np.asarray(new[0].qpos)[:45],
+        qvel=None,
+        action=None,
+        t_action=None,
     )
     with pytest.raises(InputError, match=r"motion for 1 windows .* Record for longer|hardly move"):
         diagnose([short], model, baseline=[replace(r, action=None, t_action=None) for r in before])

@@ -225,8 +225,8 @@ class Selection:
         """The best with its parameters, refined beside those that come near."""
         near = clear[:5]
         fits = [self._refined(r, present) for r in near]
-        driving = [fit for fit in fits if self._drives(fit[1])] or fits
-        contest, best = max(driving, key=lambda fit: self._score(fit[1]))
+        fits = [fit for fit in fits if self._drives(fit[1])] or fits
+        contest, best = max(fits, key=lambda fit: self._score(fit[1]))
         rest = [r for _, r in fits if r is not best] + [r for r in ranked if r not in near]
         weight = {id(r): self._likelihood(r, best) for r in rest}
         least = (1 - self.criteria.rival_share) * self._score(best)
