@@ -184,7 +184,7 @@ def test_sequences_that_diverge_do_no_harm_and_masses_can_be_held_in_place():
     np.testing.assert_allclose(parts.lagrangian(found).masses, (0.6, 0.4), atol=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_spring_along_the_rail():
     parts, right = truth(CART, (0.85, 0.15))
     stretched = {**right, "dynamics": {**right["dynamics"], "spring": jnp.asarray([2.0])}}

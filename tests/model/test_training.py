@@ -151,7 +151,7 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_weights(uninter
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_stages_that_are_not_needed_change_nothing(uninterrupted, tmp_path, monkeypatch):
     monkeypatch.setattr(relocate, "spare_keypoint", lambda *_: None)
     more = (
