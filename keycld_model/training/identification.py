@@ -234,20 +234,24 @@ class Problem:
             for linear, constant in zip(*joint_forces(self.mechanism, self.first["dynamics"]["pivot"]), strict=True)
             for motor in motors
         ]
-        return np.stack([np.asarray(ravel_pytree(force)[0], np.float64) for force in forces], axis=1)
+        flat = [np.asarray(ravel_pytree(force)[0], np.float64) for force in forces]
+        return np.array(flat).reshape(-1, len(self.start)).T  # of no motors, none
 
     def directions_at_joints(self, still: NDArray[np.bool_]) -> Vector:
         """`[p, q]` in which parameters move that are no forces of motors, but for some `[p]`, and forces at joints."""
-        others = ~(still | self.where("input") | self.where("constant_input"))
-        return np.hstack([along(others), self.forces_at_joints])
+        return np.hstack([along(~(still | self._of_motors)), self.forces_at_joints])
 
     def with_motors_at_joints(self, fit: Fit) -> Fit:
         """The same with those forces of motors at joints that do most nearly the work that its forces do."""
-        moved = self.where("input") | self.where("constant_input")
-        forces = np.where(moved, fit.theta, 0)
-        other, *each = self._works(np.vstack([forces, self.forces_at_joints.T]))
-        sizes = np.linalg.lstsq(np.array(each).T, other, rcond=None)[0]
+        forces = np.where(self._of_motors, fit.theta, 0)
+        works = self._works(np.vstack([forces, self.forces_at_joints.T]))
+        sizes = np.linalg.lstsq(works[1:].T, works[0], rcond=None)[0]
         return fit._replace(theta=fit.theta - forces + self.forces_at_joints @ sizes)
+
+    @cached_property
+    def _of_motors(self) -> NDArray[np.bool_]:
+        """`[p]` parameters of forces of motors."""
+        return self.where("input") | self.where("constant_input")
 
     def _works(self, thetas: Vector) -> Vector:
         """`[b, w]` forces of motors along what can move, for parameters `[b, p]`, in poses from all recordings."""

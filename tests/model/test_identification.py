@@ -184,6 +184,25 @@ def test_sequences_that_diverge_do_no_harm_and_masses_can_be_held_in_place():
     np.testing.assert_allclose(parts.lagrangian(found).masses, (0.6, 0.4), atol=0.02)
 
 
+@pytest.mark.slow
+def test_a_mechanism_without_motors():
+    arm = Mechanism(num_keypoints=2, num_actions=0, rods=PENDULUMS.rods)
+    config = ModelConfig(arm, TIMESTEP, (16, 16), networks=NetworkConfig(width=8, constants=4, hidden=8))
+    parts, right = Parts(config), truth(PENDULUMS, (0.6, 0.4))[1]
+    dynamics = {**right["dynamics"], "input": jax.tree.map(jnp.asarray, random_parameters(config))["dynamics"]["input"]}
+    swinging = {**right, "dynamics": dynamics}
+    rng, model = np.random.default_rng(0), parts.dynamics(swinging)
+    x = jnp.asarray(rng.uniform(-0.4, 0.4, (4, 4)), jnp.float32)
+    x, v = jax.vmap(model.project)(x, jnp.zeros_like(x))
+    u = np.zeros((4, 7, 0), np.float32)
+    seen = jax.vmap(lambda x, v, u: model.rollout(x, v, u, TIMESTEP)[0])(x, v, jnp.asarray(u))
+    seen = to_keypoints(arm, swinging, seen)
+    start = {**swinging, "trajectories": {"x": x, "v": v}}
+    found = identify(parts, start, np.asarray(seen, np.float32), u, iterations=1, sparse=True)
+    assert np.isfinite(found["dynamics"]["log_masses"]).all()
+    np.testing.assert_allclose(parts.lagrangian(found).masses, (0.6, 0.4), atol=0.01)
+
+
 @pytest.mark.long
 def test_a_spring_along_the_rail():
     parts, right = truth(CART, (0.85, 0.15))

@@ -137,7 +137,7 @@ class Selection:
             change = self._change([best], [best], [])
             others = [(r, w) for r, w in first.rivals if r is not rival]
             out.append(replace(change, rivals=((first.ranked, 1.0), *others)))
-        return [change for change in out if change.held_out > 0 and _possible(change.ranked.difference)]
+        return [c for c in out if c.held_out > 0 and _possible(c.ranked.difference) and self._drives(c.ranked)]
 
     def _clear(self, ranked: Sequence[Ranked]) -> list[Ranked]:
         """Those that come near the best and gain more than chance does, the best first.
