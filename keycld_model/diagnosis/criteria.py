@@ -106,6 +106,8 @@ class Criteria:
         everywhere_share: share of the recordings in which it must help, since one may be unlike the others.
         further_missing: share of what was gained that a further effect must gain there: idealised forms leave some.
         motor_share: share of a motor's torque, root mean square, that an effect may take away or add.
+        motorless: share of a motor's torque, root mean square, that an effect takes away if the motor does nothing, but
+            for how its commands vary.
         unexplained_share: share of the misfit that named effects may leave, for them to be certain.
         region: share of the squared force, and of the time, that intervals of positions and speeds hold.
         confined: length of the interval of a force, relative to that of the time, below which it is confined.
@@ -141,6 +143,7 @@ class Criteria:
     everywhere_share: float = 0.8
     further_missing: float = 0.1
     motor_share: float = 0.5
+    motorless: float = 0.95
     rival_share: float = 0.15
     further_change: float = 0.5
     unexplained_share: float = 0.1

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from keycld_envs.effects import ActuatorGain, Effect
-from keycld_envs.effects.edited import torque_per_command
 from keycld_envs.effects.places import ActuatorEffect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.candidates import Columns
@@ -22,7 +21,7 @@ from keycld_model.diagnosis.discrepancy.changes import Key
 from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
 from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.discrepancy.regression import regression, robust_weights
-from keycld_model.diagnosis.discrepancy.regressors import Term, force_of
+from keycld_model.diagnosis.discrepancy.regressors import Term, share_of_torque
 from keycld_model.diagnosis.search.hypotheses import Hypothesis
 
 Array = NDArray[np.float64]
@@ -196,9 +195,8 @@ class Missing:
         """
         for effect in tried.effects():
             if isinstance(effect, ActuatorEffect) and not effect.forces:
-                lost = force_of(self.motion, effect)
-                told = self.motion.u @ torque_per_command(self.motion.model).T
-                if np.sum(lost**2) > self.criteria.motor_share**2 * np.sum(told[..., np.any(lost, axis=(0, 1))] ** 2):
+                everywhere = np.ones(len(self.motion.windows), bool)
+                if share_of_torque(self.motion, effect, everywhere) > self.criteria.motor_share:
                     return False
         return True
 

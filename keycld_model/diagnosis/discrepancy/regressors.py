@@ -161,6 +161,14 @@ def _motor(motion: Motion, effect: ActuatorEffect) -> Array:
     return np.stack(rows) @ torque_per_command(model).T
 
 
+def share_of_torque(motion: Motion, effect: ActuatorEffect, windows: NDArray[np.bool_]) -> float:
+    """Share of what a motor is told, root mean square, that an effect takes away or adds in some windows `[W]`."""
+    lost, told = _motor(motion, effect)[windows], motion.u[windows] @ torque_per_command(motion.model).T
+    size = np.sum(lost**2)
+    with np.errstate(divide="ignore"):
+        return float(np.sqrt(size / np.sum(told[..., np.any(lost, axis=(0, 1))] ** 2))) if size > 0 else 0.0
+
+
 def _clock(motion: Motion, effect: Effect) -> Array:
     """Change of what sensors show with another clock."""
     windows, step = motion.windows, motion.problem.simulator.step

@@ -16,15 +16,11 @@ from keycld_model.diagnosis.discrepancy.changes import Candidate, Column, Contes
 from keycld_model.diagnosis.discrepancy.covariance import Discrepancy
 from keycld_model.diagnosis.discrepancy.motion import Motion
 from keycld_model.diagnosis.discrepancy.regression import Mask, whitened_again
-from keycld_model.diagnosis.discrepancy.regressors import Term, force_of, torque_per_command
+from keycld_model.diagnosis.discrepancy.regressors import Term, share_of_torque
 
 Array = NDArray[np.float64]
 FINALISTS = 14
 """Candidates that are fitted robustly, of those that gain most to first order."""
-
-
-MOTORLESS = 0.95
-"""Share of a motor's torque, root mean square, that is all of it but for what commands vary."""
 
 
 @dataclass(frozen=True)
@@ -186,13 +182,10 @@ class Selection:
         Of a dead zone beyond all commands nothing tells how large it is, and a motor that does nothing is any friction
         that its commands made up for.
         """
-        effect, new = ranked.difference.effect, ~self.baseline
+        effect = ranked.difference.effect
         if not isinstance(effect, ActuatorDeadZone | ActuatorGain):
             return True
-        lost = force_of(self.motion, effect)[new]
-        told = self.motion.u[new] @ torque_per_command(self.motion.model).T
-        moved = np.any(lost, axis=(0, 1))
-        return bool(np.sum(lost**2) < MOTORLESS**2 * np.sum(told[..., moved] ** 2) or not moved.any())
+        return share_of_torque(self.motion, effect, ~self.baseline) < self.criteria.motorless
 
     def _score(self, ranked: Ranked) -> float:
         """Gain, of which chance is paid, and each number: forms are idealised, so that more of them always gain."""
