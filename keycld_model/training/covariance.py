@@ -117,10 +117,12 @@ def _measured(problem: Problem, variables: Variables, keypoints: NDArray[np.floa
     """
     states = variables["trajectories"]
     absent, lean = problem.absent(problem.start), problem.where("lean")
-    fit = Fit(np.where(absent, 0, problem.start), states["x"], states["v"])
-    fit, _ = minimise(problem, fit, ITERATIONS, lambda _: lean / LEAN**2, along(~absent))
+    fit, free = Fit(np.where(absent, 0, problem.start), states["x"], states["v"]), along(~absent)
+    if problem.acts_at_joints(fit.theta):
+        fit, free = problem.with_motors_at_joints(fit), problem.directions_at_joints(np.zeros_like(absent))
+    fit, _ = minimise(problem, fit, ITERATIONS, lambda _: lean / LEAN**2, free)
     pivot = np.asarray(variables["dynamics"]["pivot"])
-    sums = _sums(problem, fit, *_functions(problem.mechanism, pivot, keypoints), np.flatnonzero(~absent))
+    sums = _sums(problem, fit, *_functions(problem.mechanism, pivot, keypoints), free)
     return None if sums is None else _uncertainty(problem, fit, sums)
 
 
@@ -138,18 +140,17 @@ def _trajectories(
 def _uncertainty(problem: Problem, fit: Fit, sums: "_Sums") -> Uncertainty:
     """A Gaussian of low rank around an optimum."""
     basis = _of_fixed_total(problem.coordinates, fit.theta, problem.first, sums.free)
-    prior = np.diag(_prior(problem, fit.theta)[sums.free]) * sums.noise
+    prior = (sums.free.T * _prior(problem, fit.theta)) @ sums.free * sums.noise
     inverse = basis @ np.linalg.inv(basis.T @ (sums.hessian + prior) @ basis) @ basis.T
     amplitudes, unsure = _amplitudes(sums, inverse)
     each = _by_recording(sums, basis, prior, amplitudes)
     by_pose = inverse @ sums.mixed.sum(axis=0)
     spread = each.T @ each + by_pose @ unsure @ by_pose.T + inverse @ prior @ inverse * sums.noise
     middle = fit.theta.copy()
-    middle[sums.free] -= by_pose @ amplitudes
+    middle -= sums.free @ by_pose @ amplitudes
     values, vectors = np.linalg.eigh(spread)
     large = values > 1e-9 * values.max()
-    root = np.zeros((int(large.sum()), len(fit.theta)))
-    root[:, sums.free] = (vectors[:, large] * np.sqrt(values[large])).T
+    root = (sums.free @ vectors[:, large] * np.sqrt(values[large])).T
     return _stored(problem.coordinates, problem.first, middle, root, sums)
 
 
@@ -172,9 +173,9 @@ class _Sums(NamedTuple):
     """Normal equations over all sequences, whose own initial states have been eliminated.
 
     Attributes:
-        free: `[p]` indices of the shared parameters that move.
+        free: `[P, p]` directions in which the shared parameters move.
         kind: `[f]` of each function of the pose, constant or harmonic.
-        hessian: `[p, p]` of the shared parameters.
+        hessian: `[p, p]` of the shared parameters, along these directions.
         hessians: `[N, p, p]` of every sequence.
         gradients: `[N, p]` of every sequence.
         mixed: `[N, p, f]` of these with amplitudes of functions of the pose.
@@ -185,7 +186,7 @@ class _Sums(NamedTuple):
         correlation: of errors in frames that follow each other.
     """
 
-    free: NDArray[np.intp]
+    free: Vector
     kind: NDArray[np.intp]
     hessian: Vector
     hessians: Vector
@@ -198,17 +199,17 @@ class _Sums(NamedTuple):
     correlation: float
 
 
-def _sums(problem: Problem, fit: Fit, features: Vector, kind: NDArray[np.intp], free: NDArray[np.intp]) -> _Sums | None:
+def _sums(problem: Problem, fit: Fit, features: Vector, kind: NDArray[np.intp], free: Vector) -> _Sums | None:
     """Sequences that diverged are left out; None if fewer than `FEWEST` are left."""
     errors, jacobians, weights, costs = problem.linearised(fit)
-    n, t, p = 2 * problem.mechanism.num_keypoints, features.shape[1], len(free)
+    n, t, p = 2 * problem.mechanism.num_keypoints, features.shape[1], free.shape[1]
     good = np.isfinite(costs) & np.asarray(jnp.isfinite(jacobians).all((1, 2)) & jnp.isfinite(errors).all(1))
     if good.sum() < FEWEST:
         return None
     total, hessians, mixed, gradients = 0.0, [], [], []
     for i in np.flatnonzero(good):
         jacobian, shapes = np.asarray(jacobians[i], np.float64), np.kron(features[i], np.eye(n))
-        rows, own = np.hstack([jacobian[:, free], shapes]), jacobian[:, len(fit.theta) :]
+        rows, own = np.hstack([jacobian[:, : len(free)] @ free, shapes]), jacobian[:, len(free) :]
         weighted = own.T * np.asarray(weights[i], np.float64)
         inner = weighted @ own
         inner += 1e-9 * np.trace(inner) * np.eye(len(inner))
@@ -288,15 +289,22 @@ def _multiples(rods: int, largest: int) -> list[tuple[int, ...]]:
     return [m for m in found if 0 < sum(map(abs, m)) <= largest and m > tuple(-i for i in m)]
 
 
-def _of_fixed_total(coordinates: Coordinates, theta: Vector, first: Variables, free: NDArray[np.intp]) -> Vector:
-    """Orthonormal basis `[p, p-1]` of the changes that leave the total mass, which motion does not tell."""
+def _of_fixed_total(coordinates: Coordinates, theta: Vector, first: Variables, free: Vector) -> Vector:
+    """Orthonormal basis `[p, p-1]` of the changes that leave the total mass, which motion does not tell.
+
+    Args:
+        coordinates: of the parameters.
+        theta: `[P]`, where.
+        first: variables that the parameters replace.
+        free: `[P, p]` directions in which they move.
+    """
     scale = coordinates.unravel(first)
 
     def total(theta: Array) -> Array:
         p = scale(theta)
         return jnp.sum(jnp.exp(p["inertia"].at[coordinates.ends].add(-2 * p["rod_scale"])))
 
-    slope = np.asarray(jax.grad(total)(jnp.asarray(theta, jnp.float32)), np.float64)[free]
+    slope = np.asarray(jax.grad(total)(jnp.asarray(theta, jnp.float32)), np.float64) @ free
     return np.linalg.svd(slope[None])[2][1:].T
 
 

@@ -33,6 +33,8 @@ ABSENT = 0.03
 """Influence below which a motor does not act on a keypoint."""
 POSES = 200
 """On which forces of any kind are compared with those at joints."""
+ELSEWHERE = 0.1
+"""Share of the work of motors that forces at joints do not do, below which motors act at joints."""
 LEAN = 0.03
 """Standard deviation of `lean` before it is known; the fit after the next distillation finds what this held back."""
 
@@ -243,10 +245,19 @@ class Problem:
 
     def with_motors_at_joints(self, fit: Fit) -> Fit:
         """The same with those forces of motors at joints that do most nearly the work that its forces do."""
-        forces = np.where(self._of_motors, fit.theta, 0)
+        return fit._replace(theta=self._nearest_at_joints(fit.theta)[0])
+
+    def acts_at_joints(self, theta: Vector) -> bool:
+        """Whether forces at joints do nearly all the work of the motors of parameters `[p]`."""
+        return self._nearest_at_joints(theta)[1] < ELSEWHERE
+
+    def _nearest_at_joints(self, theta: Vector) -> tuple[Vector, float]:
+        """Parameters `[p]` with forces at joints in place of theirs, and the share of the work that these do not do."""
+        forces = np.where(self._of_motors, theta, 0)
         works = self._works(np.vstack([forces, self.forces_at_joints.T]))
         sizes = np.linalg.lstsq(works[1:].T, works[0], rcond=None)[0]
-        return fit._replace(theta=fit.theta - forces + self.forces_at_joints @ sizes)
+        left = np.linalg.norm(works[0] - works[1:].T @ sizes) / max(np.linalg.norm(works[0]), np.finfo(float).tiny)
+        return theta - forces + self.forces_at_joints @ sizes, float(left)
 
     @cached_property
     def _of_motors(self) -> NDArray[np.bool_]:

@@ -11,7 +11,7 @@ from keycld_model.config import ModelConfig, NetworkConfig
 from keycld_model.modules import Parts
 from keycld_model.places import to_keypoints
 from keycld_model.training.actuation import joint_forces
-from keycld_model.training.identification import identify
+from keycld_model.training.identification import Problem, identify
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -136,6 +136,14 @@ def test_forces_at_joints_do_the_same_work_everywhere(mechanism):
     square = -(0.4**2)  # counterclockwise, where angles are clockwise from above
     right = np.diag([square, square]) if mechanism is PENDULUMS else np.diag([square, 1.0])
     np.testing.assert_allclose(works, np.broadcast_to(right, np.shape(works)), atol=1e-12)
+
+
+@pytest.mark.parametrize("fan", [False, True], ids=["hinge", "fan"])
+def test_motors_act_at_joints_or_elsewhere(fan):
+    parts, right = truth(CART, (0.85, 0.15), fan=fan)
+    x, u = jnp.asarray(np.random.default_rng(0).uniform(-0.5, 0.5, (4, 3, 4)), jnp.float32), np.zeros((4, 2, 2))
+    problem = Problem(parts, right, x, u, slide=True, at_masses=True)
+    assert problem.acts_at_joints(problem.start) != fan
 
 
 @pytest.mark.long

@@ -130,7 +130,7 @@ def test_recordings_that_leave_the_equations_singular(tmp_path, monkeypatch):
     """Nothing differs from what is predicted, whatever the numbers of the model are."""
 
     def nothing(problem, fit, features, kind, free):
-        p, f = len(free), len(kind)
+        p, f = free.shape[1], len(kind)
         zero = np.zeros
         empty = zero((3, p, p)), zero((3, p)), zero((3, p, f)), zero((f, f)), zero((3, f))
         return covariance._Sums(free, kind, zero((p, p)), *empty, 0.0, 0.0, 0.0)
