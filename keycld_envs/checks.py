@@ -92,6 +92,22 @@ def check_camera(model: mujoco.MjModel, name: str) -> str:
     return name
 
 
+def the_camera(model: mujoco.MjModel, name: str | None = None) -> str:
+    """A camera of a model: the one of that name, or the only one.
+
+    Raises:
+        InputError: if there is none of that name, or there is not one alone.
+    """
+    if name is not None:
+        return check_camera(model, name)
+    cameras = [model.camera(i).name for i in range(model.ncam)]
+    if not cameras:
+        raise InputError('The model has no camera; add one to its <worldbody>: <camera name="front" pos=... />.')
+    if len(cameras) > 1:
+        raise InputError(f"The model has the cameras {', '.join(cameras)}; say which one looks, --camera NAME.")
+    return cameras[0]
+
+
 def several(name: str, value: Any, kind: type[T]) -> tuple[T, ...]:
     """A tuple or list of what is all of one class, as a tuple.
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -25,7 +24,7 @@ from keycld_envs.progress import progress
 from keycld_envs.reading import read_json
 from keycld_envs.recordings import Recording, write_recording
 from keycld_envs.registration import make, resolve_env_id, spec_of
-from keycld_envs.rendering import Quality
+from keycld_envs.rendering import Quality, describe_camera
 from keycld_envs.workers import map_in_processes
 
 PAPER_ACTION_RANGE = 3.0
@@ -185,7 +184,7 @@ def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int, guard:
             "qpos": tuple("rad" if hinge else "m" for hinge in hinges),
             "qvel": tuple("rad/s" if hinge else "m/s" for hinge in hinges),
         },
-        camera=_describe_camera(env),
+        camera=describe_camera(env.model, env.data, env.camera, env.width, env.height),
         render_quality=settings.render_quality,
         seed=settings.seed,
         licence="CC0-1.0",
@@ -234,18 +233,6 @@ def _action_units(model: mujoco.MjModel) -> tuple[str, ...]:
         slide = on_joint and model.jnt_type[model.actuator_trnid[i, 0]] == mujoco.mjtJoint.mjJNT_SLIDE
         units.append(f"{model.actuator_gear[i, 0]:g} {'N' if slide else 'N m'}" if motor and on_joint else "control")
     return tuple(units)
-
-
-def _describe_camera(env: KeyCLDEnv) -> dict[str, Any]:
-    camera = env.model.camera(env.camera).id
-    return {
-        "name": env.camera,
-        "width": env.width,
-        "height": env.height,
-        "position": env.data.cam_xpos[camera].tolist(),
-        "rotation": env.data.cam_xmat[camera].reshape(3, 3).tolist(),
-        "fovy": float(env.model.cam_fovy[camera]),
-    }
 
 
 def _prepare_folder(out: Path, settings: CollectSettings) -> None:

@@ -165,6 +165,19 @@ class Renderer:
         self.close()
 
 
+def describe_camera(model: mujoco.MjModel, data: mujoco.MjData, name: str, width: int, height: int) -> dict[str, Any]:
+    """What a recording's `camera` says of a camera: where it is, and how much it sees."""
+    camera = model.camera(name).id
+    return {
+        "name": name,
+        "width": width,
+        "height": height,
+        "position": data.cam_xpos[camera].tolist(),
+        "rotation": data.cam_xmat[camera].reshape(3, 3).tolist(),
+        "fovy": float(model.cam_fovy[camera]),
+    }
+
+
 class Renderers:
     """Renderers of one model, one for each size that is asked for.
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.checks import MOST_WORKERS, check_camera, check_whole
+from keycld_envs.checks import MOST_WORKERS, check_whole, the_camera
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
@@ -145,17 +145,9 @@ def _camera(recordings: Sequence[Recording], model: mujoco.MjModel, camera: str 
         InputError: if it cannot be told.
     """
     named = {str(r.camera["name"]) for r in recordings if r.camera is not None and "name" in r.camera}
-    if camera is not None:
-        return check_camera(model, camera)
-    if len(named) == 1:
-        return check_camera(model, named.pop())
-    own = [model.camera(i).name for i in range(model.ncam)]
-    if len(named) > 1 or len(own) != 1:
-        raise InputError(
-            f"The recordings name the cameras {sorted(named)} in meta.json, and the simulator has {own}; say which one "
-            "looked, --camera NAME."
-        )
-    return own[0]
+    if camera is None and len(named) > 1:
+        raise InputError(f"The recordings name the cameras {sorted(named)} in meta.json; say which one, --camera NAME.")
+    return the_camera(model, camera or (named.pop() if named else None))
 
 
 def _positions(
