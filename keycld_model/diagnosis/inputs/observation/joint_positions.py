@@ -102,18 +102,22 @@ class JointPositions:
     def predict(self, q: Array, v: Array, values: Sequence[float] | Array) -> Array:
         """Positions with the errors of the sensor."""
         out = q.copy()
-        for nuisance, value in zip(self.nuisances, values, strict=True):
-            j = nuisance.index
-            hinge, at, speed = self._hinges[j], q[..., j], v[..., j]
-            if nuisance.kind == "zero":
-                out[..., j] += value
-            elif nuisance.kind == "squash":
-                out[..., j] += value * (np.sin(2 * at) if hinge else at)
-            elif nuisance.kind == "skew":
-                out[..., j] += value * (np.cos(2 * at) - 1 if hinge else at**2)
-            else:
-                out[..., j] += value * speed * (np.sin(at) if hinge else at)
+        with np.errstate(invalid="ignore"):  # a rollout that flies off is infinite; whoever asked sees it
+            for nuisance, value in zip(self.nuisances, values, strict=True):
+                out[..., nuisance.index] += value * self._error(nuisance, q, v)
         return out
+
+    def _error(self, nuisance: Nuisance, q: Array, v: Array) -> Array | float:
+        """How far off positions are per unit of an error."""
+        j = nuisance.index
+        hinge, at, speed = self._hinges[j], q[..., j], v[..., j]
+        if nuisance.kind == "zero":
+            return 1.0
+        if nuisance.kind == "squash":
+            return np.sin(2 * at) if hinge else at
+        if nuisance.kind == "skew":
+            return np.cos(2 * at) - 1 if hinge else at**2
+        return speed * (np.sin(at) if hinge else at)
 
     def derivative(self, nuisance: Nuisance) -> Array | None:
         """Of a zero: one at its joint."""
