@@ -102,9 +102,10 @@ def diagnose(
         return replace(report, details={**report.details, "not_tried": spending.not_tried, **learned})
     if tracked and observation is not None:
         raise InputError("tracked is of joint positions, but an observation is handed in; hand in one of them.")
+    encoders = not tracked and observation is None
     if observation is None:
         observation = JointPositions(model, tracked=tracked, criteria=criteria)
-    report = _lacking(recordings, held_out, model, observation, criteria, spending)
+    report = _lacking(recordings, held_out, model, observation, criteria, spending, encoders)
     own = {"not_tried": spending.not_tried, "tracked": tracked, **learned}
     return replace(report, details={**report.details, **own})
 
@@ -116,14 +117,15 @@ def _lacking(
     observation: Observation,
     criteria: Criteria,
     budget: Budget,
+    encoders: bool,
 ) -> Report:
-    """What the simulator lacks; where its misfit to joint positions is far above noise, beside forces unknown."""
+    """What the simulator lacks; where its misfit to positions of encoders is far above noise, beside forces unknown."""
     training, test = _prepared(recordings, held_out, model, observation, criteria)
     observation = observation.calibrated(training)
     bare = without_contacts(model, [*training, *test], observation)
-    if isinstance(observation, JointPositions):
+    if encoders:
         with progress("Weighing the misfit", total=100) as advance:
-            report = lacking(recordings, held_out, bare, observation, criteria, advance, budget.leaves_out)
+            report = lacking(recordings, held_out, bare, criteria, advance, budget.leaves_out)
         if report is not None:
             return report
     with progress("Diagnosing", total=100) as advance:

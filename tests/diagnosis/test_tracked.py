@@ -8,10 +8,6 @@ from plants import recordings
 
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
-from keycld_model.diagnosis.criteria import STANDARD
-from keycld_model.diagnosis.discrepancy.motion import Motion
-from keycld_model.diagnosis.discrepancy.regressors import shared_terms
-from keycld_model.diagnosis.inputs.observation import JointPositions
 
 
 def filmed(runs, squash: float, skew: float, shutter: float):
@@ -23,31 +19,6 @@ def filmed(runs, squash: float, skew: float, shutter: float):
         seen = q + squash * np.sin(2 * q) + skew * (np.cos(2 * q) - 1) + shutter * speed * np.sin(q)
         out.append(replace(run, qpos=seen))
     return out
-
-
-def left_by_what_all_recordings_share(motion):
-    """Mean square of whitened residuals, and the size of each term."""
-    terms = shared_terms(motion, STANDARD)
-    white = np.stack([*(term.column for term in terms), motion.residual], axis=-1)
-    basis = np.linalg.qr(motion.states)[0]
-    rows = (white - basis @ (np.swapaxes(basis, 1, 2) @ white)).reshape(-1, len(terms) + 1)
-    columns, target = rows[:, :-1], rows[:, -1]
-    prior = np.diag([1e-9 + 1 / term.spread**2 for term in terms])
-    sizes = np.linalg.solve(columns.T @ columns + prior, columns.T @ target)
-    return np.mean((target - columns @ sizes) ** 2), dict(zip([term.name for term in terms], sizes, strict=True))
-
-
-def test_errors_of_a_camera_are_among_what_recordings_share():
-    model = get_system("pendulum").compile()
-    runs = filmed(recordings("pendulum", 3, number=3, seconds=2.0), 0.03, -0.02, 0.008)
-    left, sizes = left_by_what_all_recordings_share(
-        Motion.of(runs, model, STANDARD, JointPositions(model, tracked=True))
-    )
-    assert left < 1.0  # the noise, but for what is fitted
-    found = [sizes[f"{kind} of hinge"] for kind in ("squash", "skew", "shutter")]
-    np.testing.assert_allclose(found, [0.03, -0.02, 0.008], atol=0.012)
-    by_encoders, sizes = left_by_what_all_recordings_share(Motion.of(runs, model, STANDARD))
-    assert by_encoders > 1.5 and "squash of hinge" not in sizes
 
 
 @pytest.mark.long

@@ -82,29 +82,16 @@ class Motion:
     forces: Array
 
     @classmethod
-    def of(
-        cls,
-        recordings: Sequence[Recording],
-        model: mujoco.MjModel,
-        criteria: Criteria,
-        sensors: JointPositions | None = None,
-    ) -> "Motion":
-        """The motion of recordings that suit the model, all sampled as rarely as the slowest.
-
-        Args:
-            recordings: of its joints.
-            model: the simulator.
-            criteria: thresholds.
-            sensors: that measured, encoders by default.
-        """
+    def of(cls, recordings: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria) -> "Motion":
+        """The motion of recordings that suit the model, all sampled as rarely as the slowest."""
         recordings = ready(recordings, model, 1)
         slowest = max(spacing([recording]) for recording in recordings)
         recordings = [thin(recording, slowest) for recording in recordings]
         bare = copy.copy(model)
         bare.dof_frictionloss[:] = 0.0
         samples = int(np.clip(round(criteria.sizes.window_beside_forces / spacing(recordings)), FEWEST, MOST))
-        sensors = (JointPositions(bare, criteria=criteria) if sensors is None else sensors).calibrated(recordings)
-        noise, observation = sensors.noise, sensors.with_noise(np.maximum(sensors.noise, FINEST))
+        noise = JointPositions(bare).calibrated(recordings).noise
+        observation = JointPositions(bare, np.maximum(noise, FINEST))
         simulator = Simulator(bare, accurate_step(recordings), criteria=criteria)
         problem = Problem(simulator, cut(recordings, observation, simulator.step, samples))
         pinned = _Pinned.of(problem)

@@ -21,7 +21,6 @@ from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.estimation.replay import replay
-from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.output.words import headline
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.evidence import evidence
@@ -41,7 +40,6 @@ def lacking(
     recordings: Sequence[Recording],
     held_out: Sequence[Recording],
     model: mujoco.MjModel,
-    sensors: JointPositions,
     criteria: Criteria,
     advance: Callable[..., None],
     no_time: Callable[[str], bool],
@@ -52,19 +50,18 @@ def lacking(
         recordings: to learn from.
         held_out: to test on; if there are none, each half of the recordings is tested with parameters from the other.
         model: the simulator.
-        sensors: that measured.
         criteria: thresholds.
         advance: of a progress bar of 100 steps.
         no_time: asked before each step that can be left out whether there is no time for what is named.
     """
     advance(0, "following the motion")
-    motion = Motion.of([*recordings, *held_out], model, criteria, sensors)
+    motion = Motion.of([*recordings, *held_out], model, criteria)
     learned = motion.take(np.flatnonzero(motion.windows.recording < len(recordings)))
     terms, columns = shared_terms(learned, criteria, held=True), Columns.of(learned)
     if not _far_above_noise(learned, terms, columns, criteria):
         return None
     advance(10, "following the motion more closely")
-    closer = _closer(motion, [*recordings, *held_out], model, sensors, criteria)
+    closer = _closer(motion, [*recordings, *held_out], model, criteria)
     if closer is not motion:
         motion, learned = closer, closer.take(np.flatnonzero(closer.windows.recording < len(recordings)))
         terms, columns = shared_terms(learned, criteria, held=True), Columns.of(learned)
@@ -109,13 +106,7 @@ def _report(missing: Missing, best: Tried, gained: float, rolled: "_Rolled", mod
     )
 
 
-def _closer(
-    motion: Motion,
-    recordings: Sequence[Recording],
-    model: mujoco.MjModel,
-    sensors: JointPositions,
-    criteria: Criteria,
-) -> Motion:
+def _closer(motion: Motion, recordings: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria) -> Motion:
     """The motion followed with forces, and in windows, half as long, if it is followed far better thus.
 
     Forces that grow with it would follow a vibration.
@@ -124,7 +115,7 @@ def _closer(
     if before < 1.0:  # the sensors' noise
         return motion
     half = replace(sizes, window_beside_forces=sizes.window_beside_forces / 2, constant_force=sizes.constant_force / 2)
-    closer = Motion.of(recordings, model, replace(criteria, sizes=half), sensors)
+    closer = Motion.of(recordings, model, replace(criteria, sizes=half))
     grows = np.median(closer.usual_force, axis=0) > (1 + criteria.vibrates) * np.median(motion.usual_force, axis=0)
     return motion if np.median(closer.misfit) > before / 2 or np.any(grows) else closer
 

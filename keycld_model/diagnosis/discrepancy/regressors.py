@@ -29,7 +29,6 @@ from keycld_envs.effects.transmission import TransmissionEffect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.discrepancy.inertias import inertial_columns
 from keycld_model.diagnosis.discrepancy.motion import RESTING, Motion, inverse_dynamics, resting
-from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.simulation.places import places_of
 from keycld_model.diagnosis.simulation.sampling import interpolated
 
@@ -193,7 +192,6 @@ def shared_terms(motion: Motion, criteria: Criteria, held: bool = False) -> list
     """
     model = motion.model
     out = [Term(*own) for own in inertial_columns(motion, criteria, held)] + _zeros(motion, criteria)
-    out += _of_camera(motion)
     for kind in USUAL:
         spread = 0.02 if kind is ActuatorDelay else np.inf  # s
         for absent in places_of(kind, model):
@@ -234,21 +232,6 @@ def spread_of_share(motion: Motion, absent: Effect, number: Parameter) -> float:
     usual = np.sqrt(np.mean(motion.required**2, axis=(0, 1)))
     ratio = usual[force > 0] / force[force > 0]
     return float(IDEALISED_SHARE * ratio.max()) if len(ratio) else np.inf
-
-
-def _of_camera(motion: Motion) -> list[Term]:
-    """A view askew and a rolling shutter, where positions were read off images: the motion stays as it is."""
-    windows, sensors, out = motion.windows, motion.windows.observation, []
-    if not isinstance(sensors, JointPositions):
-        return out
-    q, v = interpolated(*motion.path, windows.time - windows.start[:, None], motion.problem.simulator.step)
-    for nuisance in sensors.nuisances:
-        if nuisance.kind != "zero":
-            column = np.zeros_like(q)
-            column[..., nuisance.index] = sensors.error(nuisance, q, v)
-            column = np.where(np.isfinite(windows.measured), column / motion.problem.noise, 0.0)
-            out.append(Term(nuisance.name, column.reshape(len(windows), -1), nuisance.spread))
-    return out
 
 
 def _zeros(motion: Motion, criteria: Criteria) -> list[Term]:

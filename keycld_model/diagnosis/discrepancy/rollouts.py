@@ -24,9 +24,8 @@ MOST = 120
 
 def rollouts(motion: Motion, simulator: Simulator) -> Problem:
     """The windows of a motion for a simulator that errs."""
-    sensors = motion.windows.observation
-    assert isinstance(sensors, JointPositions)
-    observation = sensors.with_noise(np.maximum(motion.noise, MODEL_ERROR))
+    noise = np.maximum(motion.noise, MODEL_ERROR)
+    observation = JointPositions(simulator.model, noise, criteria=simulator.criteria)
     return Problem(simulator, replace(motion.windows, observation=observation))
 
 

@@ -76,10 +76,7 @@ class JointPositions:
         """
         times = [np.asarray(recording.t_state) for recording in recordings]
         noise = estimate_noise(times, [self.measured(recording) for recording in recordings])
-        return self.with_noise(noise if self._floor is None else np.maximum(noise, self._floor))
-
-    def with_noise(self, noise: Array) -> "JointPositions":
-        """With another noise `[nv]`, rad or m."""
+        noise = noise if self._floor is None else np.maximum(noise, self._floor)
         return JointPositions(self._model, noise, self._tracked, self._criteria, self._floor)
 
     def check(self, recording: Recording) -> None:
@@ -107,11 +104,11 @@ class JointPositions:
         out = q.copy()
         with np.errstate(invalid="ignore"):  # a rollout that flies off is infinite; whoever asked sees it
             for nuisance, value in zip(self.nuisances, values, strict=True):
-                out[..., nuisance.index] += value * self.error(nuisance, q, v)
+                out[..., nuisance.index] += value * self._error(nuisance, q, v)
         return out
 
-    def error(self, nuisance: Nuisance, q: Array, v: Array) -> Array | float:
-        """How far off a joint's positions are per unit of an error, at positions and velocities `[..., nv]`."""
+    def _error(self, nuisance: Nuisance, q: Array, v: Array) -> Array | float:
+        """How far off positions are per unit of an error."""
         j = nuisance.index
         hinge, at, speed = self._hinges[j], q[..., j], v[..., j]
         if nuisance.kind == "zero":
