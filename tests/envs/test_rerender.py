@@ -63,6 +63,7 @@ def test_where_nothing_was_measured_there_is_no_frame():
     times = np.arange(100) / 100
     angle = np.where((times > 0.3) & (times < 0.7), np.nan, times)
     drawn = rerender(logged(times, angle), arm(), "front", rate=10)
+    assert drawn.t_frame is not None
     np.testing.assert_allclose(drawn.t_frame, [0, 0.1, 0.2, 0.3, 0.7, 0.8, 0.9], atol=0.03)
     alone = rerender(logged(times[:1], times[:1]), arm(), "front", rate=10)
     assert alone.num_frames == 1

@@ -141,7 +141,10 @@ def test_forces_at_joints_do_the_same_work_everywhere(mechanism):
 @pytest.mark.parametrize("fan", [False, True], ids=["hinge", "fan"])
 def test_motors_act_at_joints_or_elsewhere(fan):
     parts, right = truth(CART, (0.85, 0.15), fan=fan)
-    x, u = jnp.asarray(np.random.default_rng(0).uniform(-0.5, 0.5, (4, 3, 4)), jnp.float32), np.zeros((4, 2, 2))
+    x, u = (
+        jnp.asarray(np.random.default_rng(0).uniform(-0.5, 0.5, (4, 3, 4)), jnp.float32),
+        np.zeros((4, 2, 2), np.float32),
+    )
     problem = Problem(parts, right, x, u, slide=True, at_masses=True)
     assert problem.acts_at_joints(problem.start) != fan
 
