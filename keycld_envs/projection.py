@@ -12,6 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
+def pose(model: mujoco.MjModel, data: mujoco.MjData, qpos: ArrayLike) -> None:
+    """Put bodies, cameras and lights where they are at joint positions `[nq]`, rad or m, to be drawn or projected."""
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
+
+
 def world_to_image(
     model: mujoco.MjModel, data: mujoco.MjData, points: ArrayLike, camera: str, width: int, height: int
 ) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from keycld_envs.disturbance import Disturbance, seen
 from keycld_envs.errors import InputError
+from keycld_envs.projection import pose
 from keycld_envs.recordings.recording import Recording
 from keycld_envs.rendering import Quality, Renderer, describe_camera
 
@@ -46,17 +47,15 @@ def rerender(
         advance: is called after every frame.
 
     Raises:
-        InputError: if there are no joint positions, or not of the model's joints.
+        InputError: if there are no joint positions, none of all joints at once, or not of the model's joints.
     """
     positions = _positions(recording, model)
-    samples = _samples(recording.t_state, positions, rate)
+    samples = _samples(recording, positions, rate)
     data, frames = mujoco.MjData(model), np.empty((len(samples), size[1], size[0], 3), np.uint8)
     renderer = Renderer(model, *size, quality)
     try:
         for frame, (index, sample) in zip(frames, enumerate(samples), strict=True):
-            data.qpos[:] = positions[sample]
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_camlight(model, data)
+            pose(model, data, positions[sample])
             frame[:] = seen(disturbance, renderer, data, camera, (seed, index))
             advance()
     finally:
@@ -78,7 +77,7 @@ def rerender(
 
 def count_frames(recording: Recording, model: mujoco.MjModel, rate: float) -> int:
     """How many frames `rerender` draws; it raises what that raises."""
-    return len(_samples(recording.t_state, _positions(recording, model), rate))
+    return len(_samples(recording, _positions(recording, model), rate))
 
 
 def _positions(recording: Recording, model: mujoco.MjModel) -> NDArray[np.float64]:
@@ -94,12 +93,12 @@ def _positions(recording: Recording, model: mujoco.MjModel) -> NDArray[np.float6
     return np.asarray(recording.qpos)[:, [recording.joint_names.index(name) for name in own]]
 
 
-def _samples(times: NDArray[np.float64] | None, positions: NDArray[np.float64], rate: float) -> NDArray[np.intp]:
+def _samples(recording: Recording, positions: NDArray[np.float64], rate: float) -> NDArray[np.intp]:
     """Of each frame, the measured sample next to it."""
     measured = np.flatnonzero(np.isfinite(positions).all(axis=1))
     if not len(measured):
-        return measured
-    clock = np.asarray(times)[measured]
+        raise InputError(f"Recording {recording.id!r} has no sample at which all joints were measured; leave it out.")
+    clock = np.asarray(recording.t_state)[measured]
     asked = clock[0] + np.arange(math.floor((clock[-1] - clock[0]) * rate + 1e-6) + 1) / rate
     after = np.searchsorted(clock, asked).clip(0, len(clock) - 1)
     before = (after - 1).clip(0)

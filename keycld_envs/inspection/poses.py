@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.projection import pose
 from keycld_envs.systems import System
 
 SIDE = 64
@@ -70,7 +71,5 @@ def _seen(
 def _keypoints(
     system: System, model: mujoco.MjModel, data: mujoco.MjData, qpos: Sequence[float] | NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_camlight(model, data)
+    pose(model, data, qpos)
     return system.keypoints(model, data, SIDE, SIDE)

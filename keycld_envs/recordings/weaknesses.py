@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.projection import pose
 from keycld_envs.recordings.crop import moving_box, square
 from keycld_envs.recordings.dataset import Dataset, Sequences
 from keycld_envs.systems import System
@@ -107,9 +108,7 @@ def _still_keypoints(system: System, qpos: NDArray[np.float64]) -> list[str]:
     data, points = mujoco.MjData(model), []
     flat = qpos.reshape(-1, qpos.shape[2])
     for each in flat[:: max(1, len(flat) // 500)]:
-        data.qpos[:] = each
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_camlight(model, data)
+        pose(model, data, each)
         points.append(system.keypoints(model, data))
     pixels = np.ptp(np.array(points), axis=0).max(axis=-1) * 63 / 2
     return [

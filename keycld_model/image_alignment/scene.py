@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from keycld_envs.projection import world_to_image
+from keycld_envs.projection import pose, world_to_image
 from keycld_envs.rendering import Quality, Renderer
 from keycld_model.image_alignment.look import CAMERA, lengthen, look_parameters, view_of
 
@@ -126,9 +126,7 @@ class Scene:
                 if parameter.body is not None:
                     lengthen(self._drawn, parameter.body, float(np.exp(value)))
             self._lengths = np.array(values[len(CAMERA) : -1])
-        self._data.qpos[:] = q
-        mujoco.mj_kinematics(self._drawn, self._data)
-        mujoco.mj_camlight(self._drawn, self._data)
+        pose(self._drawn, self._data, q)
 
     def _points(self, q: Array, values: Array) -> Array:
         """Pixels `[G, 2]` of the ends of all geoms that move."""

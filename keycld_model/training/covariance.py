@@ -118,8 +118,9 @@ def _measured(problem: Problem, variables: Variables, keypoints: NDArray[np.floa
     states = variables["trajectories"]
     absent, lean = problem.absent(problem.start), problem.where("lean")
     fit, free = Fit(np.where(absent, 0, problem.start), states["x"], states["v"]), along(~absent)
-    if problem.acts_at_joints(fit.theta):
-        fit, free = problem.with_motors_at_joints(fit), problem.directions_at_joints(np.zeros_like(absent))
+    at_joints, nearly = problem.with_motors_at_joints(fit)
+    if nearly:
+        fit, free = at_joints, problem.directions_at_joints(np.zeros_like(absent))
     fit, _ = minimise(problem, fit, ITERATIONS, lambda _: lean / LEAN**2, free)
     pivot = np.asarray(variables["dynamics"]["pivot"])
     sums = _sums(problem, fit, *_functions(problem.mechanism, pivot, keypoints), free)

@@ -34,7 +34,8 @@ ABSENT = 0.03
 POSES = 200
 """On which forces of any kind are compared with those at joints."""
 ELSEWHERE = 0.1
-"""Share of the work of motors that forces at joints do not do, below which motors act at joints."""
+"""Share of the work of motors that forces at joints do not do, below which motors act at joints: training leaves some
+percent, and a fan in place of a motor is of the order of one."""
 LEAN = 0.03
 """Standard deviation of `lean` before it is known; the fit after the next distillation finds what this held back."""
 
@@ -106,7 +107,7 @@ def _sparse(problem: "Problem", fit: Fit, iterations: int, acting: bool) -> Fit:
     lean = problem.where("lean")
     still, hardly = (np.zeros_like(lean), lambda _: lean / LEAN**2) if acting else (lean, np.zeros_like)
     directions = problem.directions_at_joints(still)
-    joints, cost = minimise(problem, problem.with_motors_at_joints(fit), iterations, hardly, directions)
+    joints, cost = minimise(problem, problem.with_motors_at_joints(fit)[0], iterations, hardly, directions)
     cost += problem.worth(problem.costs(joints), problem.forces_at_joints.shape[1])
     anything, other = minimise(problem, fit, iterations, problem.price)
     if acting:
@@ -243,21 +244,17 @@ class Problem:
         """`[p, q]` in which parameters move that are no forces of motors, but for some `[p]`, and forces at joints."""
         return np.hstack([along(~(still | self._of_motors)), self.forces_at_joints])
 
-    def with_motors_at_joints(self, fit: Fit) -> Fit:
-        """The same with those forces of motors at joints that do most nearly the work that its forces do."""
-        return fit._replace(theta=self._nearest_at_joints(fit.theta)[0])
+    def with_motors_at_joints(self, fit: Fit) -> tuple[Fit, bool]:
+        """The same with those forces of motors at joints that do most nearly the work that its forces do.
 
-    def acts_at_joints(self, theta: Vector) -> bool:
-        """Whether forces at joints do nearly all the work of the motors of parameters `[p]`."""
-        return self._nearest_at_joints(theta)[1] < ELSEWHERE
-
-    def _nearest_at_joints(self, theta: Vector) -> tuple[Vector, float]:
-        """Parameters `[p]` with forces at joints in place of theirs, and the share of the work that these do not do."""
-        forces = np.where(self._of_motors, theta, 0)
+        Returns:
+            The fit, and whether these do nearly all of that work.
+        """
+        forces = np.where(self._of_motors, fit.theta, 0)
         works = self._works(np.vstack([forces, self.forces_at_joints.T]))
         sizes = np.linalg.lstsq(works[1:].T, works[0], rcond=None)[0]
         left = np.linalg.norm(works[0] - works[1:].T @ sizes) / max(np.linalg.norm(works[0]), np.finfo(float).tiny)
-        return theta - forces + self.forces_at_joints @ sizes, float(left)
+        return fit._replace(theta=fit.theta - forces + self.forces_at_joints @ sizes), bool(left < ELSEWHERE)
 
     @cached_property
     def _of_motors(self) -> NDArray[np.bool_]:

@@ -24,9 +24,7 @@ def settings(name: str, **options) -> LoopSettings:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("start", ["random", pytest.param("hanging", marks=pytest.mark.long)])
-@pytest.mark.parametrize(
-    "name", [pytest.param("acrobot", marks=pytest.mark.long), *(n for n in REFERENCE_SYSTEMS if n != "acrobot")]
-)  # a tutorial swings the acrobot up
+@pytest.mark.parametrize("name", REFERENCE_SYSTEMS)
 def test_they_swing_up(name, start):
     result = swing_up(settings(name, start=start), episodes=1)
     assert result.successes == 1

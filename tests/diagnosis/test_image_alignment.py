@@ -113,7 +113,7 @@ def test_mistakes_get_one_sentence(tmp_path, capsys):
     with pytest.raises(InputError, match="no camera 'front'"):
         read_positions([run], model, "front")
     nameless = replace(run, camera=None)
-    with pytest.raises(InputError, match="say which one"):
+    with pytest.raises(InputError, match="say which one looks, --camera NAME"):
         read_positions([nameless], model)
     with pytest.raises(InputError, match="workers is 0"):
         read_positions([run], model, workers=0)

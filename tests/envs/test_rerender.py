@@ -76,6 +76,8 @@ def test_what_cannot_be_drawn_is_refused():
     no_joints = replace(log, t_state=None, qpos=None, t_frame=np.arange(2.0), frames=np.zeros((2, 8, 8, 3), np.uint8))
     with pytest.raises(InputError, match="no joint positions"):
         rerender(no_joints, arm(), "front")
+    with pytest.raises(InputError, match="no sample at which all joints were measured"):
+        rerender(logged(np.arange(5.0), np.full(5, np.nan)), arm(), "front")
 
 
 def test_command(tmp_path, capsys):

@@ -11,7 +11,7 @@ from keycld_model.config import ModelConfig, NetworkConfig
 from keycld_model.modules import Parts
 from keycld_model.places import to_keypoints
 from keycld_model.training.actuation import joint_forces
-from keycld_model.training.identification import Problem, identify
+from keycld_model.training.identification import Fit, Problem, identify
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -146,7 +146,7 @@ def test_motors_act_at_joints_or_elsewhere(fan):
         np.zeros((4, 2, 2), np.float32),
     )
     problem = Problem(parts, right, x, u, slide=True, at_masses=True)
-    assert problem.acts_at_joints(problem.start) != fan
+    assert problem.with_motors_at_joints(Fit(problem.start, x[:, 0], x[:, 1]))[1] != fan
 
 
 @pytest.mark.long

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs import Landmark, Rod, System
+from keycld_envs.projection import pose
 
 Array = NDArray[np.floating]
 POSES = 40
@@ -50,9 +51,8 @@ class Truth:
         """Point masses `[..., K, 2]`, image units, in poses `[..., nq]`."""
         data, flat = mujoco.MjData(self.model), qpos.reshape(-1, qpos.shape[-1])
         seen = []
-        for data.qpos[:] in flat:
-            mujoco.mj_kinematics(self.model, data)
-            mujoco.mj_camlight(self.model, data)
+        for each in flat:
+            pose(self.model, data, each)
             seen.append(self.system.keypoints(self.model, data, SIZE, SIZE))
         return np.array(seen).reshape(*qpos.shape[:-1], -1, 2)
 
