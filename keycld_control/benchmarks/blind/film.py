@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors
 from keycld_envs.disturbance import Disturbance
-from keycld_envs.projection import pose
 from keycld_envs.rendering import Renderer
 from keycld_envs.systems import get_system
 
@@ -83,7 +82,9 @@ class Studio:
         """Frames `[T, H, W, 3]` of positions `[T, nv]`."""
         out = []
         for q in positions:
-            pose(self._model, self._data, q)
+            self._data.qpos[:] = q
+            mujoco.mj_kinematics(self._model, self._data)
+            mujoco.mj_camlight(self._model, self._data)
             out.append(film.develop(self._renderer.render(self._data, self._camera, film.view), rng))
         return np.stack(out)
 
