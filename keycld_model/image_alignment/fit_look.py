@@ -161,15 +161,17 @@ class _Linear:
         """About a look and a pose, of images softened by so many pixels."""
         q = sample.pose.q
         steps = (1 + soft) * scene.joint_steps(q, values)
+        there = scene.render(q, values, soft)
+        slopes = scene.look_jacobian(q, values, there, soft), scene.jacobian(q, values, steps, there, soft)
         of_look, of_joints = (
-            (jacobian * light.gain).reshape(len(jacobian), -1).T.astype(np.float64)
-            for jacobian in (scene.look_jacobian(q, values, soft), scene.jacobian(q, values, steps, soft))
+            (each.first * light.gain).reshape(len(each.first), -1).T.astype(np.float64) for each in slopes
         )
-        drawn = light.apply(scene.render(q, values, soft))
+        bend = np.hypot(*((each.bend * light.gain).ravel().astype(np.float64) for each in slopes))
+        drawn = light.apply(there)
         left = (softened(sample.frame, soft) - drawn).ravel().astype(np.float64)
         active = np.abs(of_joints).max(axis=1) >= 1e-3 * np.abs(of_joints).max()
         scale = max(FINEST, 1.4826 * float(np.median(np.abs(left[active]))))
-        root = np.sqrt(robust_weights(left, scale)) / scale
+        root = np.sqrt(robust_weights(left, scale)) / np.hypot(scale, bend)
         of_light = _light_columns(drawn)
         a, b, y = root[:, None] * of_look, root[:, None] * np.concatenate([of_joints, of_light], axis=1), root * left
         basis, triangle = np.linalg.qr(b)

@@ -42,7 +42,8 @@ class Pose:
         covariance: `[nq, nq]` from the curvature of the fit and the size of residuals, as if pixels were independent.
         misfit: robust standard deviation of the residuals where something moves, grey levels.
         explained: share of what differs from the scene without this motion that the pose explains, 1 at best.
-        uncertainty: standard deviation of the joint that the frame shows worst, as its links move in the image, pixels.
+        uncertainty: standard deviation of the joint that the frame shows worst, as its links move in the image, pixels;
+            by those pixels alone that change in proportion to it, which the stub of a link at the border has none of.
     """
 
     q: Array
@@ -96,29 +97,30 @@ class _Fit:
         """Steps of Gauss-Newton with one Jacobian, on images softened so far; returns the length of the last."""
         frame, self._cost = softened(self._frame, soft), np.inf
         steps = (1 + soft) * self._scene.joint_steps(q, self._look)
-        jacobian = self._scene.jacobian(q, self._look, steps, soft) * (self._light.gain * steps[:, None, None, None])
+        there = self._scene.render(q, self._look, soft)
+        slopes = self._scene.jacobian(q, self._look, steps, there, soft)
+        jacobian = slopes.first * (self._light.gain * steps[:, None, None, None])
         jacobian = jacobian.reshape(len(q), -1).T.astype(np.float64)
         size = np.abs(jacobian).max(axis=1)
         active = size > ACTIVE * max(float(size.max()), 1e-6)
         if not active.any():  # nothing that moves is in the image
             self.q = q
             return np.inf
-        jacobian = jacobian[active]
+        jacobian, bend = jacobian[active], (slopes.bend * self._light.gain).ravel().astype(np.float64)[active]
         length = np.inf
-        for _ in range(ROUNDS):
-            drawn = self._light.apply(self._scene.render(q, self._look, soft))
+        for k in range(ROUNDS):
+            drawn = self._light.apply(there if k == 0 else self._scene.render(q, self._look, soft))
             difference = (frame - drawn).ravel()
             left = difference[active].astype(np.float64)
             scale = max(FINEST, 1.4826 * float(np.median(np.abs(left))))
             weight = robust_weights(left, scale)
-            normal = jacobian.T @ (weight[:, None] * jacobian)
-            normal += (1e-6 * np.trace(normal) + 1e-9) * np.eye(len(q))
+            normal = _information(jacobian, weight)
             cost = float(np.sum(np.minimum(np.abs(difference), SATURATED) ** 2))
             if cost < self._cost:
                 self._cost, self.q, self._drawn, self._misfit = cost, q, drawn, scale
-                scaled = scale**2 * np.linalg.inv(normal)
-                self._covariance = scaled * np.outer(steps, steps)
-                self._uncertainty = STEP * (1 + soft) * float(np.sqrt(scaled.diagonal().max()))
+                self._covariance = scale**2 * np.linalg.inv(normal) * np.outer(steps, steps)
+                straight = _information(jacobian, weight / (1 + (bend / scale) ** 2))
+                self._uncertainty = STEP * (1 + soft) * scale * float(np.sqrt(np.linalg.inv(straight).diagonal().max()))
             step = np.linalg.solve(normal, jacobian.T @ (weight * left))
             length = float(np.abs(step).max())
             step *= min(1.0, FAR / max(length, 1e-9))
@@ -128,6 +130,12 @@ class _Fit:
                 break
             q = q + steps * step
         return length
+
+
+def _information(jacobian: Array, weight: Array) -> Array:
+    """Normal matrix `[nq, nq]` of weighed pixels, with so little beside it that it can be inverted."""
+    normal = jacobian.T @ (weight[:, None] * jacobian)
+    return normal + (1e-6 * np.trace(normal) + 1e-9) * np.eye(len(normal))
 
 
 def robust_weights(left: Array, scale: float) -> Array:

@@ -1,6 +1,7 @@
 """A simulator's picture of itself, for any positions and any look."""
 
 import copy
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -24,6 +25,26 @@ BLUR_STEP = 0.1
 def softened(image: Image, blur: float) -> Image:
     """An image `[H, W, 3]` blurred by a Gaussian of so many pixels."""
     return np.asarray(gaussian_filter(image, (blur, blur, 0)), np.float32) if blur > LEAST_BLUR else image
+
+
+class Slopes(NamedTuple):
+    """How an image changes with some numbers, by central differences.
+
+    Attributes:
+        first: `[k, H, W, 3]` derivatives.
+        bend: `[H, W, 3]` how far the image is from a straight line within these steps, grey levels: edges that pass
+            over whole pixels, thin lines, and textures as fine as pixels. There, derivatives tell little.
+    """
+
+    first: Image
+    bend: Image
+
+    @classmethod
+    def of(cls, there: Image, beside: list[tuple[Image, Image]], widths: list[float]) -> "Slopes":
+        """From an image, pairs of images after and before it, and the widths of these steps."""
+        first = [(after - before) / np.float32(width) for (after, before), width in zip(beside, widths, strict=True)]
+        bend = sum(((after + before) / 2 - there) ** 2 for after, before in beside)
+        return cls(np.stack(first), np.sqrt(bend))
 
 
 class Scene:
@@ -63,26 +84,22 @@ class Scene:
         image = self._renderer.render(self._data, self._camera, view_of(values)).astype(np.float32)
         return softened(image, float(np.sqrt(values[-1] + soft**2)))
 
-    def jacobian(self, q: Array, values: Array, steps: Array, soft: float = 0.0) -> Image:
-        """Derivative of the image to the joints, `[nq, H, W, 3]`, by central differences of these steps `[nq]`."""
-        moved = [(q + s * e, q - s * e) for s, e in zip(steps, np.eye(len(q)), strict=True)]
-        return np.stack(
-            [
-                (self.render(forward, values, soft) - self.render(back, values, soft)) / np.float32(2 * s)
-                for (forward, back), s in zip(moved, steps, strict=True)
-            ]
-        )
+    def jacobian(self, q: Array, values: Array, steps: Array, there: Image, soft: float = 0.0) -> Slopes:
+        """How the image `there` changes with the joints, in central differences of these steps `[nq]`."""
+        moves = [s * e for s, e in zip(steps, np.eye(len(q)), strict=True)]
+        beside = [(self.render(q + m, values, soft), self.render(q - m, values, soft)) for m in moves]
+        return Slopes.of(there, beside, [2 * float(s) for s in steps])
 
-    def look_jacobian(self, q: Array, values: Array, soft: float = 0.0) -> Image:
-        """Derivative to the look, `[p, H, W, 3]`, by central differences."""
-        out = []
+    def look_jacobian(self, q: Array, values: Array, there: Image, soft: float = 0.0) -> Slopes:
+        """How the image `there` changes with the look, in central differences."""
+        beside, widths = [], []
         for k, step in enumerate(self._look_steps()):
             after, before = values.copy(), values.copy()
             after[k] += step
             before[k] -= step if k < len(values) - 1 else min(step, values[-1])  # a variance is not negative
-            width = np.float32(after[k] - before[k])
-            out.append((self.render(q, after, soft) - self.render(q, before, soft)) / width)
-        return np.stack(out)
+            beside.append((self.render(q, after, soft), self.render(q, before, soft)))
+            widths.append(float(after[k] - before[k]))
+        return Slopes.of(there, beside, widths)
 
     def joint_steps(self, q: Array, values: Array) -> Array:
         """Changes of each joint `[nq]`, rad or m, that move the outermost of what is seen by about `STEP` pixels."""
