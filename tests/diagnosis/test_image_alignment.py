@@ -19,7 +19,7 @@ from keycld_model.image_alignment.films import LARGEST
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import lengthen
 
-PIXELS_PER_METRE = {"pendulum": 30.9, "acrobot": 12.9}
+PIXELS_PER_METRE = {"pendulum": 30.9, "cartpole": 12.9, "acrobot": 12.9}
 """Of the nominal cameras, frames of 64 pixels."""
 
 
@@ -54,6 +54,21 @@ def test_positions_are_those_of_the_simulation_whatever_the_camera_does():
     assert abs(np.mean(seen)) < 0.05
     assert np.std(seen) < 0.05
     assert positions.trusted == 1.0
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_a_rail_as_thin_as_a_pixel_and_stars_do_not_lead_the_camera_astray():
+    view = View(right=-3.8, up=1.1, zoom=1.01, aspect=0.965, roll=-0.06)
+    runs, truth = film("cartpole", frames=24, view=view)
+    positions = read_positions(runs, get_system("cartpole").compile(), workers=1)
+    values = dict(zip([p.name for p in positions.parameters], positions.values, strict=True))
+    assert values["right"] == pytest.approx(-3.8, abs=0.02)
+    assert np.exp(values["aspect"]) == pytest.approx(0.965, abs=0.002)
+    assert values["roll"] == pytest.approx(-0.06, abs=0.001)
+    seen = PIXELS_PER_METRE["cartpole"] * errors(positions, truth, 2 * np.pi)  # the pole is 1 m long
+    assert np.abs(seen.mean(axis=0)).max() < 0.05
+    assert seen.std(axis=0).max() < 0.05
 
 
 @pytest.mark.render
