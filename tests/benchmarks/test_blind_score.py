@@ -147,3 +147,12 @@ def test_recovery_leaves_out_what_cannot_be_recovered():
     result = {"report": said(refitted=9.0, corrected=5.0), "failure": None}
     assert CaseResult(answer("1", "one", [VISCOUS]), result).recovery == pytest.approx(0.5)
     assert CaseResult(answer("1", "two", [VISCOUS, PULSE]), result).recovery is None
+
+
+def test_filmed_cases_are_compared_with_the_error_of_the_positions_that_were_read():
+    filmed = answer("1", "one", [VISCOUS]) | {"oracle": {"value": None}}
+    report = said(refitted=9.0, corrected=5.0) | {"details": {"images": {"error": [0.0006, 0.0013]}}}
+    oracle = 1e3 * ((0.0006**2 + 0.0013**2) / 2 * (1 - 2 / 160)) ** 0.5
+    result = CaseResult(filmed, {"report": report, "failure": None})
+    assert result.recovery == pytest.approx(4 / (9 - oracle))
+    assert CaseResult(filmed, {"report": said(), "failure": None}).recovery is None

@@ -138,7 +138,7 @@ def answer(case: SealedCase, signals: list[Signals], index: int) -> dict[str, An
         "oracle": {
             "metric": "held-out noise",
             "unit": "mrad or mm",
-            "value": 1e3 * float(_remaining(signals[-1]) * np.std(noise)) if case.film is None else None,
+            "value": 1e3 * float(remaining(len(signals[-1].t_state)) * np.std(noise)) if case.film is None else None,
         },
         "film": None if case.film is None else case.film.answer(),
         "nuisance": {**asdict(case.errors), "zero": case.zero.tolist()},
@@ -153,9 +153,9 @@ def answer(case: SealedCase, signals: list[Signals], index: int) -> dict[str, An
     }
 
 
-def _remaining(signals: Signals) -> float:
+def remaining(samples: int) -> float:
     """Root of the share of degrees of freedom that are left when two numbers per joint and rollout are fitted."""
-    return float(np.sqrt(1 - 2 / min(ROLLOUT, len(signals.t_state))))
+    return float(np.sqrt(1 - 2 / min(ROLLOUT, samples)))
 
 
 def _truth(case: SealedCase, index: int, signals: list[Signals], nats: float) -> dict[str, Any]:

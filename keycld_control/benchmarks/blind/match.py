@@ -1,11 +1,13 @@
 """Whether a report says what is true."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import zip_longest
 from typing import Any
 
+from keycld_control.benchmarks.blind.make import ROLLOUT, remaining
 from keycld_control.benchmarks.blind.sites import sites
 
 Key = tuple[str, str]
@@ -109,11 +111,20 @@ class CaseResult:
 
         A case with pushes has none either: those of the held-out recordings come at times that nobody can predict.
         """
-        refitted, corrected, oracle = self.error("refitted"), self.error("corrected"), self.answer["oracle"]["value"]
+        refitted, corrected, oracle = self.error("refitted"), self.error("corrected"), self._oracle
         pushed = any(t["effect"] == "external_pulse" for t in self.answer["truth"])
         if refitted is None or corrected is None or oracle is None or pushed or refitted < 1.05 * oracle:
             return None
         return (refitted - corrected) / (refitted - oracle)
+
+    @property
+    def _oracle(self) -> float | None:
+        """The error that nobody can beat; of filmed cases the one of positions that the method has read, by its word."""
+        known = self.answer["oracle"]["value"]
+        read = self.report.get("details", {}).get("images", {}).get("error")
+        if known is not None or read is None:
+            return known
+        return 1e3 * remaining(ROLLOUT) * math.sqrt(sum(e**2 for e in read) / len(read))
 
     @cached_property
     def aliases(self) -> frozenset[str]:
