@@ -6,13 +6,15 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import mujoco
+
 from keycld_control.closed_loop import LoopSettings, make_loop, run_episode
 from keycld_control.correction.concealed import conceal
 from keycld_control.correction.corrections import corrections_of
 from keycld_control.correction.explore import explore
 from keycld_control.plain_json import plain, write_json
 from keycld_control.swingup import swing_up
-from keycld_envs import KeyCLDEnv, make, resolve_env_id, system_of
+from keycld_envs import KeyCLDEnv, make, resolve_env_id
 from keycld_envs.checks import MOST_WORKERS, check_whole
 from keycld_envs.effects import Effect
 from keycld_envs.effects.stored import effect_to_json, effects_from_json
@@ -145,12 +147,19 @@ def _diagnose(plan: LoopPlan, recordings: Sequence[Recording], workers: int) -> 
     from keycld_model.diagnosis import diagnose, diagnose_images
     from keycld_model.diagnosis.criteria import STANDARD
 
-    simulator = system_of(plan.system).compile()
+    simulator = simulator_of(plan.system)
     criteria = replace(STANDARD, spreads=replace(STANDARD.spreads, mass=LINKS))
     if plan.observe == "states":
         return diagnose(recordings, simulator, criteria=criteria).to_dict()
     encoders = plan.observe == "both"
     return diagnose_images(recordings, simulator, encoders=encoders, criteria=criteria, workers=workers).to_dict()
+
+
+def simulator_of(env_id: str) -> mujoco.MjModel:
+    """What recordings are compared with: an environment's simulator, with the range that it gives its motors."""
+    from keycld_model.diagnosis import Source
+
+    return Source.of_environment(env_id).model
 
 
 def _fine_tune(model: WorldModel, recordings: Path, out: Path, seed: int) -> None:

@@ -13,7 +13,8 @@ from keycld_control.cli import main
 from keycld_control.closed_loop import Loop, run_episode
 from keycld_control.correction.concealed import conceal, draw, possible
 from keycld_control.correction.corrections import corrections_of
-from keycld_envs import InputError, get_system
+from keycld_control.correction.loop import simulator_of
+from keycld_envs import InputError, get_system, make
 from keycld_envs.effects import (
     ActuatorDeadZone,
     ActuatorDelay,
@@ -136,6 +137,13 @@ def test_what_does_no_harm_is_passed_over():
     assert passed == 2
     with pytest.raises(InputError):
         conceal(system, 5, lambda effects: False)
+
+
+@pytest.mark.parametrize("env_id", ["KeyCLD/Pendulum-v0", "KeyCLD/Acrobot-v0"])
+def test_recordings_are_compared_with_a_simulator_whose_motors_do_what_they_are_told(env_id):
+    space, simulator = make(env_id).action_space, simulator_of(env_id)
+    assert simulator.actuator_ctrllimited.all()
+    np.testing.assert_array_equal(simulator.actuator_ctrlrange, np.stack([space.low, space.high], axis=1))
 
 
 def test_corrections_are_findings_that_agents_can_make_up_for(tmp_path):
