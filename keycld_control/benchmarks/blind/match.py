@@ -119,7 +119,7 @@ class CaseResult:
 
     @property
     def _oracle(self) -> float | None:
-        """The error that nobody can beat; of filmed cases the one of positions that the method has read, by its word."""
+        """The error that nobody can beat; of filmed cases that of positions that were read, by the method's own word."""
         known = self.answer["oracle"]["value"]
         read = self.report.get("details", {}).get("images", {}).get("error")
         if known is not None or read is None:
