@@ -9,11 +9,13 @@ from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.follow import follow
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.pose import Pose
-from keycld_model.image_alignment.scene import Scene
+from keycld_model.image_alignment.scene import STEP, Scene
 
 Array = NDArray[np.float64]
-READ_AGAIN = 160
-"""Frames that are read again: standard deviations come out within 6 %."""
+READ_AGAIN = 40
+"""Frames of a recording that are read again."""
+APART = 1.0
+"""Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least."""
 
 
 def reading_error(
@@ -24,12 +26,12 @@ def reading_error(
     frames: NDArray[np.uint8],
     poses: Sequence[Pose],
     bank: Bank,
-    seed: int = 0,
 ) -> Array:
-    """Root mean square error of each joint, `[nq]`, rad or m (a parametric bootstrap).
+    """Errors of the joints in the first frames of a recording, `[T, nq]`, rad or m (a bootstrap of residuals).
 
-    The positions that were read are drawn with the look and the light that were fitted and with the noise that pixels
-    have, and read again. What pixels do to edges, which repeats along a path and is no white noise, is so included.
+    The positions that were read are drawn with the look and the light that were fitted, get what another frame shows
+    beside its own drawing, and are read again. The other frame is the one whose positions are nearest, but for those
+    that are nearer than a pixel: noise, compression, and what pixels do to edges are then as they are here.
 
     Args:
         scene: that draws.
@@ -39,14 +41,24 @@ def reading_error(
         frames: `[T, H, W, 3]`.
         poses: that were read off them.
         bank: drawings of the scene.
-        seed: of the noise.
     """
-    rng, part = np.random.default_rng(seed), slice(0, READ_AGAIN)
-    drawn = [light.apply(scene.render(pose.q, look)) for pose in poses[part]]
-    left = np.stack(drawn[::8]) - frames[part][::8]
-    noise = 1.4826 * float(np.median(np.abs(left - np.median(left))))
-    shown = [np.clip(np.round(image + rng.normal(0, noise, image.shape)), 0, 255).astype(np.uint8) for image in drawn]
-    again = follow(scene, look, light, times[part], np.stack(shown), bank)
-    error = np.array([pose.q - known.q for pose, known in zip(again, poses[part], strict=True)])
-    error -= np.median(error, axis=0)  # whole turns among them
-    return np.sqrt(np.mean(error**2, axis=0))
+    drawn = np.stack([light.apply(scene.render(pose.q, look)) for pose in poses])
+    q, part = np.array([pose.q for pose in poses]), slice(0, READ_AGAIN)
+    others = [_nearest(q, k, scene.joint_steps(q[k], look)) for k in range(len(q[part]))]
+    shown = drawn[part] + frames[others] - drawn[others]
+    again = follow(scene, look, light, times[part], np.clip(np.round(shown), 0, 255).astype(np.uint8), bank)
+    error = np.array([pose.q for pose in again]) - q[part]
+    return error - np.median(error, axis=0)  # whole turns among them
+
+
+def _nearest(q: Array, k: int, steps: Array) -> int:
+    """Index of the frame whose positions are nearest to those of frame k, but far enough; of the farthest, if none is.
+
+    Args:
+        q: `[T, nq]` positions.
+        k: index of the frame.
+        steps: `[nq]` changes of each joint that move what is seen by `STEP` pixels.
+    """
+    distance = STEP * np.abs((q - q[k]) / steps).max(axis=1)
+    enough = distance >= APART
+    return int(np.argmin(np.where(enough, distance, np.inf)) if enough.any() else np.argmax(distance))

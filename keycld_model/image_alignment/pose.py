@@ -27,6 +27,8 @@ CLOSE = 0.03
 """A step of so many steps of finite differences (.02 pixels) needs no other."""
 LOST = 0.5
 """After a last step of more than so many (.35 pixels) a pose is looked for from farther away."""
+FINE = 0.3
+"""Share of a step of finite differences (.2 pixels) for the last steps: shorter than the width of an edge."""
 ROUNDS = 4
 """Steps with one Jacobian, at most."""
 SATURATED = 50.0
@@ -67,13 +69,13 @@ def align(scene: Scene, look: Array, light: Light, frame: Image, still: Image, s
             come first.
     """
     fit = _Fit(scene, look, light, frame)
-    if near and fit.converge(start, 0.0) < LOST:
-        return fit.pose(still)
-    q = start
-    for soft in SOFT:
-        fit.converge(q, soft)
-        q = fit.q
-    fit.converge(q, 0.0)
+    if not near or fit.converge(start, 0.0) >= LOST:
+        q = start
+        for soft in SOFT:
+            fit.converge(q, soft)
+            q = fit.q
+        fit.converge(q, 0.0)
+    fit.converge(fit.q, 0.0, FINE)
     return fit.pose(still)
 
 
@@ -93,10 +95,14 @@ class _Fit:
         share = explained_share(self._frame, self._drawn, still)
         return Pose(self.q, self._covariance, self._misfit, share, self._uncertainty)
 
-    def converge(self, q: Array, soft: float) -> float:
-        """Steps of Gauss-Newton with one Jacobian, on images softened so far; returns the length of the last."""
+    def converge(self, q: Array, soft: float, fine: float = 1.0) -> float:
+        """Steps of Gauss-Newton with one Jacobian, on images softened so far; returns the length of the last.
+
+        The Jacobian is of differences that are shorter by a factor `fine`.
+        """
         frame, self._cost = softened(self._frame, soft), np.inf
-        steps = (1 + soft) * self._scene.joint_steps(q, self._look)
+        share = fine * (1 + soft)
+        steps = share * self._scene.joint_steps(q, self._look)
         there = self._scene.render(q, self._look, soft)
         slopes = self._scene.jacobian(q, self._look, steps, there, soft)
         jacobian = slopes.first * (self._light.gain * steps[:, None, None, None])
@@ -120,7 +126,7 @@ class _Fit:
                 self._cost, self.q, self._drawn, self._misfit = cost, q, drawn, scale
                 self._covariance = scale**2 * np.linalg.inv(normal) * np.outer(steps, steps)
                 straight = _information(jacobian, weight / (1 + (bend / scale) ** 2))
-                self._uncertainty = STEP * (1 + soft) * scale * float(np.sqrt(np.linalg.inv(straight).diagonal().max()))
+                self._uncertainty = STEP * share * scale * float(np.sqrt(np.linalg.inv(straight).diagonal().max()))
             step = np.linalg.solve(normal, jacobian.T @ (weight * left))
             length = float(np.abs(step).max())
             step *= min(1.0, FAR / max(length, 1e-9))

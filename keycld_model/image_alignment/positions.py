@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 Job = tuple[Light, Array, NDArray[np.uint8]]
 FRAMES = 18
 """Frames that the look is fitted to."""
+READ_AGAIN = 4
+"""Recordings of which some frames are drawn and read again, for their error."""
 TRUSTED = 0.5
 """Share of a frame's motion that its pose must explain; of others, positions are missing."""
 UNCERTAIN = 0.25
@@ -103,14 +105,17 @@ def read_positions(
         for poses in each(reader.follow, jobs, min(workers, len(jobs))):
             followed.append(poses)
             advance(len(poses))
-        typical = int(np.argsort([_travelled(poses) for poses in followed])[len(followed) // 2])
-        error = reader.error(jobs[typical], followed[typical])
+        tested = [(jobs[r], followed[r]) for r in _spread(followed)]
+        errors = np.concatenate(list(each(reader.error, tested, min(workers, len(tested)))))
+        error = np.sqrt(np.mean(errors**2, axis=0))
     return _positions(recordings, model, films, followed, look, parameters, name, error)
 
 
-def _travelled(poses: Sequence[Pose]) -> float:
-    """How far all joints go from frame to frame, on average, rad or m."""
-    return float(np.mean(np.abs(np.diff([pose.q for pose in poses], axis=0))))
+def _spread(followed: Sequence[Sequence[Pose]]) -> NDArray[np.intp]:
+    """Indices of some recordings, of all speeds: how far all joints go from frame to frame, on average, rad or m."""
+    speeds = [float(np.mean(np.abs(np.diff([pose.q for pose in poses], axis=0)))) for poses in followed]
+    number = min(READ_AGAIN, len(speeds))
+    return np.argsort(speeds)[((np.arange(number) + 0.5) * len(speeds) / number).astype(int)]
 
 
 @dataclass(frozen=True)
@@ -128,8 +133,9 @@ class _Reader:
         with self._scene(job) as scene:
             return follow(scene, self.look, *job, self.bank)
 
-    def error(self, job: Job, poses: Sequence[Pose]) -> Array:
+    def error(self, read: tuple[Job, Sequence[Pose]]) -> Array:
         """Of positions that were read, see `reading_error`."""
+        job, poses = read
         with self._scene(job) as scene:
             return reading_error(scene, self.look, *job, poses, self.bank)
 
