@@ -119,7 +119,7 @@ class CaseResult:
 
     @property
     def _oracle(self) -> float | None:
-        """The error that nobody can beat; of filmed cases that of positions that were read, by the method's own word."""
+        """The error that nobody can beat; of filmed cases that of positions read off, by the method's own word."""
         known = self.answer["oracle"]["value"]
         read = self.report.get("details", {}).get("images", {}).get("error")
         if known is not None or read is None:
