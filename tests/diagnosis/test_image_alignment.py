@@ -60,7 +60,7 @@ def test_positions_are_those_of_the_simulation_whatever_the_camera_does():
 @pytest.mark.slow
 def test_a_rail_as_thin_as_a_pixel_and_stars_do_not_lead_the_camera_astray():
     view = View(right=-3.8, up=1.1, zoom=1.01, aspect=0.965, roll=-0.06)
-    runs, truth = film("cartpole", frames=24, view=view)
+    runs, truth = film("cartpole", frames=12, view=view)
     positions = read_positions(runs, get_system("cartpole").compile(), workers=1)
     values = dict(zip([p.name for p in positions.parameters], positions.values, strict=True))
     assert values["right"] == pytest.approx(-3.8, abs=0.02)
