@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gymnasium import spaces
 from oracle import OracleEnv, image_of, make_oracle, point_masses
 
 from keycld_control.actuation import Actuation
@@ -142,6 +143,7 @@ def test_what_does_no_harm_is_passed_over():
 @pytest.mark.parametrize("env_id", ["KeyCLD/Pendulum-v0", "KeyCLD/Acrobot-v0"])
 def test_recordings_are_compared_with_a_simulator_whose_motors_do_what_they_are_told(env_id):
     space, simulator = make(env_id).action_space, simulator_of(env_id)
+    assert isinstance(space, spaces.Box)
     assert simulator.actuator_ctrllimited.all()
     np.testing.assert_array_equal(simulator.actuator_ctrlrange, np.stack([space.low, space.high], axis=1))
 
