@@ -72,6 +72,7 @@ def learned_positions(recordings: Sequence[Recording], model: WorldModel, docume
         camera="front",
         size=model.image_shape,
         error=error,
+        together=np.ones(len(turns)),
     )
 
 

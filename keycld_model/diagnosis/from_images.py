@@ -142,10 +142,11 @@ def _diagnosed(
         budget: seconds for the search.
     """
     seen = list(positions.recordings)
-    observation: Observation = JointPositions(model, tracked=True, criteria=criteria, floor=positions.error)
+    noise = positions.error * np.sqrt(positions.together)  # of samples that count as if they were independent
+    observation: Observation = JointPositions(model, tracked=True, criteria=criteria, floor=noise)
     if encoders:
         seen = [joined(own, read) for own, read in zip(every, seen, strict=True)]
-        observation = EncodersAndCamera(model, positions.error, criteria=criteria)
+        observation = EncodersAndCamera(model, noise, criteria=criteria)
     now, before = seen[:training], seen[training + held_out :]
     if before:
         report = diagnose(now, model, criteria=criteria, baseline=before, budget=budget)
@@ -181,7 +182,13 @@ def _summary(positions: Positions) -> dict[str, object]:
         r.id: round(float(np.median(e)), 4) for r, e in zip(positions.recordings, positions.explained, strict=True)
     }
     error = [round(float(e), 6) for e in positions.error]
-    return {"trusted_frames": round(positions.trusted, 4), "explained": shares, "error": error}
+    together = [round(float(n), 2) for n in positions.together]
+    return {
+        "trusted_frames": round(positions.trusted, 4),
+        "explained": shares,
+        "error": error,
+        "frames_together": together,
+    }
 
 
 def _distrusted(

@@ -14,6 +14,8 @@ from keycld_model.image_alignment.scene import STEP, Scene
 Array = NDArray[np.float64]
 READ_AGAIN = 40
 """Frames of a recording that are read again."""
+SMALL = 0.05
+"""Autocorrelation that is none."""
 APART = 1.0
 """Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least."""
 
@@ -49,6 +51,23 @@ def reading_error(
     again = follow(scene, look, light, times[part], np.clip(np.round(shown), 0, 255).astype(np.uint8), bank)
     error = np.array([pose.q for pose in again]) - q[part]
     return error - np.median(error, axis=0)  # whole turns among them
+
+
+def samples_together(errors: Sequence[Array]) -> Array:
+    """Number of samples `[nq]` over which errors `[T, nq]` of recordings are correlated, one if they are not.
+
+    So many samples tell no more than a single one: 1 + 2 (sum of the autocorrelations), up to the first that is small.
+    """
+    own = [e - e.mean(axis=0) for e in errors]
+    total, out = sum(np.mean(e**2, axis=0) for e in own), np.ones(errors[0].shape[1])
+    goes_on = np.ones(len(out), bool)
+    for lag in range(1, min(len(e) for e in own) // 2):
+        rho = sum(np.mean(e[lag:] * e[:-lag], axis=0) for e in own) / np.maximum(total, 1e-30)
+        goes_on &= rho >= SMALL
+        if not goes_on.any():
+            break
+        out += np.where(goes_on, 2 * rho, 0.0)
+    return out
 
 
 def _nearest(q: Array, k: int, steps: Array) -> int:

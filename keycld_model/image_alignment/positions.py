@@ -15,7 +15,7 @@ from keycld_envs.recordings import Recording
 from keycld_envs.rendering import Quality
 from keycld_envs.workers import each
 from keycld_model.image_alignment.bank import Bank
-from keycld_model.image_alignment.calibration import reading_error
+from keycld_model.image_alignment.calibration import reading_error, samples_together
 from keycld_model.image_alignment.films import Films, read_films
 from keycld_model.image_alignment.fit_look import SCHEDULE, Look, fit_look
 from keycld_model.image_alignment.follow import follow
@@ -52,6 +52,7 @@ class Positions:
         camera: that looked.
         size: of the images that were aligned, (H, W).
         error: `[nq]` root mean square error of the positions, rad or m, from frames drawn at known positions.
+        together: `[nq]` number of frames over which that error is correlated, one if it is not.
     """
 
     recordings: tuple[Recording, ...]
@@ -64,6 +65,7 @@ class Positions:
     camera: str
     size: tuple[int, int]
     error: Array
+    together: Array
 
     @property
     def trusted(self) -> float:
@@ -106,9 +108,8 @@ def read_positions(
             followed.append(poses)
             advance(len(poses))
         tested = [(jobs[r], followed[r]) for r in _spread(followed)]
-        errors = np.concatenate(list(each(reader.error, tested, min(workers, len(tested)))))
-        error = np.sqrt(np.mean(errors**2, axis=0))
-    return _positions(recordings, model, films, followed, look, parameters, name, error)
+        errors = list(each(reader.error, tested, min(workers, len(tested))))
+    return _positions(recordings, model, films, followed, look, parameters, name, errors)
 
 
 def _spread(followed: Sequence[Sequence[Pose]]) -> NDArray[np.intp]:
@@ -164,7 +165,7 @@ def _positions(
     look: Look,
     parameters: tuple[LookParameter, ...],
     camera: str,
-    error: Array,
+    errors: Sequence[Array],
 ) -> Positions:
     """As recordings of joint positions."""
     explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
@@ -180,5 +181,15 @@ def _positions(
         )
     deviation = tuple(np.sqrt([np.diag(pose.covariance) for pose in poses]) for poses in followed)
     return Positions(
-        tuple(out), deviation, explained, readable, parameters, look.values, look.deviation, camera, films.size, error
+        tuple(out),
+        deviation,
+        explained,
+        readable,
+        parameters,
+        look.values,
+        look.deviation,
+        camera,
+        films.size,
+        np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)),
+        samples_together(errors),
     )
