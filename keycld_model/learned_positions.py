@@ -13,8 +13,7 @@ from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
 from keycld_model.image_alignment import Positions
 from keycld_model.image_alignment.films import frame_times
-from keycld_model.image_alignment.pose import explained_share
-from keycld_model.image_alignment.positions import TRUSTED
+from keycld_model.image_alignment.pose import TRUSTED, explained_share
 from keycld_model.joints import wrapped
 from keycld_model.learned_mjcf import LearnedMjcf, places_of
 from keycld_model.world_model import WorldModel

@@ -29,7 +29,7 @@ def reading_error(
     poses: Sequence[Pose],
     bank: Bank,
 ) -> Array:
-    """Errors of the joints in the first frames of a recording, `[T, nq]`, rad or m (a bootstrap of residuals).
+    """Errors of the joints in the first readable frames of a recording, `[T, nq]`, rad or m (a bootstrap of residuals).
 
     The positions that were read are drawn with the look and the light that were fitted, get what another frame shows
     beside its own drawing, and are read again. The other frame is the one whose positions are nearest, but for those
@@ -44,13 +44,18 @@ def reading_error(
         poses: that were read off them.
         bank: drawings of the scene.
     """
-    drawn = np.stack([light.apply(scene.render(pose.q, look)) for pose in poses])
-    q, part = np.array([pose.q for pose in poses]), slice(0, READ_AGAIN)
+    known = [k for k, pose in enumerate(poses) if pose.readable]
+    if not known:
+        return np.zeros((0, scene.model.nq))
+    frames, part = frames[known], slice(0, READ_AGAIN)
+    drawn = np.stack([light.apply(scene.render(poses[k].q, look)) for k in known])
+    q = np.array([poses[k].q for k in known])
     others = [_nearest(q, k, scene.joint_steps(q[k], look)) for k in range(len(q[part]))]
     shown = drawn[part] + frames[others] - drawn[others]
-    again = follow(scene, look, light, times[part], np.clip(np.round(shown), 0, 255).astype(np.uint8), bank)
+    again = follow(scene, look, light, times[known][part], np.clip(np.round(shown), 0, 255).astype(np.uint8), bank)
     error = np.array([pose.q for pose in again]) - q[part]
-    return error - np.median(error, axis=0)  # whole turns among them
+    error -= np.median(error, axis=0)  # whole turns among them
+    return error[[pose.readable for pose in again]]
 
 
 def samples_together(errors: Sequence[Array]) -> Array:
@@ -58,10 +63,10 @@ def samples_together(errors: Sequence[Array]) -> Array:
 
     So many samples tell no more than a single one: 1 + 2 (sum of the autocorrelations), up to the first that is small.
     """
-    own = [e - e.mean(axis=0) for e in errors]
-    total, out = sum(np.mean(e**2, axis=0) for e in own), np.ones(errors[0].shape[1])
+    own = [e - e.mean(axis=0) for e in errors if len(e) > 1]
+    total, out = sum((np.mean(e**2, axis=0) for e in own), np.zeros(errors[0].shape[1])), np.ones(errors[0].shape[1])
     goes_on = np.ones(len(out), bool)
-    for lag in range(1, min(len(e) for e in own) // 2):
+    for lag in range(1, min((len(e) for e in own), default=0) // 2):
         rho = sum(np.mean(e[lag:] * e[:-lag], axis=0) for e in own) / np.maximum(total, 1e-30)
         goes_on &= rho >= SMALL
         if not goes_on.any():

@@ -31,6 +31,11 @@ FINE = 0.3
 """Share of a step of finite differences (.2 pixels) for the last steps: shorter than the width of an edge."""
 ROUNDS = 4
 """Steps with one Jacobian, at most."""
+TRUSTED = 0.5
+"""Share of a frame's motion that its pose must explain; of others, positions are missing."""
+UNCERTAIN = 0.25
+"""Pixels; where a link is hidden, leaves the image or points at the camera, its joint is not known better, and
+positions are missing, too."""
 SATURATED = 50.0
 """Grey levels; a pixel that is off by more is elsewhere altogether, and counts as if by so many."""
 
@@ -53,6 +58,11 @@ class Pose:
     misfit: float
     explained: float
     uncertainty: float
+
+    @property
+    def readable(self) -> bool:
+        """Whether the frame tells positions."""
+        return self.explained >= TRUSTED and self.uncertainty <= UNCERTAIN
 
 
 def align(scene: Scene, look: Array, light: Light, frame: Image, still: Image, start: Array, near: bool) -> Pose:

@@ -30,11 +30,6 @@ FRAMES = 18
 """Frames that the look is fitted to."""
 READ_AGAIN = 4
 """Recordings of which some frames are drawn and read again, for their error."""
-TRUSTED = 0.5
-"""Share of a frame's motion that its pose must explain; of others, positions are missing."""
-UNCERTAIN = 0.25
-"""Pixels; where a link is hidden, leaves the image or points at the camera, its joint is not known better, and
-positions are missing, too."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +164,7 @@ def _positions(
 ) -> Positions:
     """As recordings of joint positions."""
     explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
-    readable = tuple(np.array([p.explained >= TRUSTED and p.uncertainty <= UNCERTAIN for p in f]) for f in followed)
+    readable = tuple(np.array([pose.readable for pose in poses]) for poses in followed)
     out = []
     for recording, times, poses, good in zip(recordings, films.times, followed, readable, strict=True):
         q = np.where(good[:, None], [pose.q for pose in poses], np.nan)
@@ -179,6 +174,7 @@ def _positions(
         out.append(
             replace(recording, joint_names=names, t_state=times, qpos=q, qvel=None, units={**own, "qpos": units})
         )
+    every = np.concatenate(errors)
     deviation = tuple(np.sqrt([np.diag(pose.covariance) for pose in poses]) for poses in followed)
     return Positions(
         tuple(out),
@@ -190,6 +186,6 @@ def _positions(
         look.deviation,
         camera,
         films.size,
-        np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)),
+        np.sqrt(np.mean(every**2, axis=0)) if len(every) else np.full(model.nq, np.nan),
         samples_together(errors),
     )
