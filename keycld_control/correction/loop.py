@@ -147,7 +147,7 @@ def _diagnose(plan: LoopPlan, recordings: Sequence[Recording], workers: int) -> 
     from keycld_model.diagnosis import diagnose, diagnose_images
     from keycld_model.diagnosis.criteria import STANDARD
 
-    simulator = simulator_of(plan.system)
+    simulator = environment_simulator(plan.system)
     criteria = replace(STANDARD, spreads=replace(STANDARD.spreads, mass=LINKS))
     if plan.observe == "states":
         return diagnose(recordings, simulator, criteria=criteria).to_dict()
@@ -155,7 +155,7 @@ def _diagnose(plan: LoopPlan, recordings: Sequence[Recording], workers: int) -> 
     return diagnose_images(recordings, simulator, encoders=encoders, criteria=criteria, workers=workers).to_dict()
 
 
-def simulator_of(env_id: str) -> mujoco.MjModel:
+def environment_simulator(env_id: str) -> mujoco.MjModel:
     """What recordings are compared with: an environment's simulator, with the range that it gives its motors."""
     from keycld_model.diagnosis import Source
 

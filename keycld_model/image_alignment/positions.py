@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 Job = tuple[Light, Array, NDArray[np.uint8]]
 FRAMES = 18
 """Frames that the look is fitted to."""
-READ_AGAIN = 4
+TESTED = 4
 """Recordings of which some frames are drawn and read again, for their error."""
 
 
@@ -110,7 +110,7 @@ def read_positions(
 def _spread(followed: Sequence[Sequence[Pose]]) -> NDArray[np.intp]:
     """Indices of some recordings, of all speeds: how far all joints go from frame to frame, on average, rad or m."""
     speeds = [float(np.mean(np.abs(np.diff([pose.q for pose in poses], axis=0)))) for poses in followed]
-    number = min(READ_AGAIN, len(speeds))
+    number = min(TESTED, len(speeds))
     return np.argsort(speeds)[((np.arange(number) + 0.5) * len(speeds) / number).astype(int)]
 
 

@@ -14,7 +14,7 @@ from keycld_control.cli import main
 from keycld_control.closed_loop import Loop, run_episode
 from keycld_control.correction.concealed import conceal, draw, possible
 from keycld_control.correction.corrections import corrections_of
-from keycld_control.correction.loop import simulator_of
+from keycld_control.correction.loop import environment_simulator
 from keycld_envs import InputError, get_system, make
 from keycld_envs.effects import (
     ActuatorDeadZone,
@@ -142,7 +142,7 @@ def test_what_does_no_harm_is_passed_over():
 
 @pytest.mark.parametrize("env_id", ["KeyCLD/Pendulum-v0", "KeyCLD/Acrobot-v0"])
 def test_recordings_are_compared_with_a_simulator_whose_motors_do_what_they_are_told(env_id):
-    space, simulator = make(env_id).action_space, simulator_of(env_id)
+    space, simulator = make(env_id).action_space, environment_simulator(env_id)
     assert isinstance(space, spaces.Box)
     assert simulator.actuator_ctrllimited.all()
     np.testing.assert_array_equal(simulator.actuator_ctrlrange, np.stack([space.low, space.high], axis=1))
