@@ -23,6 +23,7 @@ class Args:
         cases: make: number of cases.
         seed: make: determines every byte of the cases.
         observe: make: what is recorded, joint positions ("states") or frames alone ("pixels").
+        only: make: categories of cases, by default all.
         method: run: "diagnose", "refit", "greedy", "sindy", "neural", or your own as module:function.
         workers: make, run: number of processes; no figure but the seconds depends on it.
         ray: make, run: do it on a Ray cluster: "local", "auto" or host:port; all its machines must see the folder.
@@ -35,6 +36,7 @@ class Args:
     cases: int = 300
     seed: int = 0
     observe: Literal["states", "pixels"] = "states"
+    only: tuple[Literal["null", "one", "two", "three", "outside"], ...] = ()
     method: str = "diagnose"
     workers: int = 2
     ray: str | None = None
@@ -50,9 +52,10 @@ def run(args: Args) -> None:
     if args.workers < 1:
         raise InputError(f"workers is {args.workers}; it must be at least 1.")
     if args.action == "make":
-        from keycld_control.benchmarks.blind.make import Settings, make
+        from keycld_control.benchmarks.blind.make import CATEGORIES, Settings, make
 
-        manifest = make(args.out, Settings(args.seed, args.cases, args.observe), args.workers, args.ray)
+        settings = Settings(args.seed, args.cases, args.observe, args.only or CATEGORIES)
+        manifest = make(args.out, settings, args.workers, args.ray)
         print_result(manifest, as_json=args.json)
         if not args.json:
             print(f"SHA-256 of the answers: {manifest['answers_sha256']}")  # the table may cut it

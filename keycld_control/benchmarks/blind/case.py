@@ -30,6 +30,8 @@ MIN_MOTION = 0.3
 """How far at least one joint must move in the training recordings, rad or m."""
 ATTEMPTS = 10
 """How often a run that is too fast is drawn."""
+FRAMES = 40
+"""Number of frames from which is told how exactly frames show positions."""
 STREAMS = ("drive", "mechanisms", "noise", "film")
 
 
@@ -135,6 +137,14 @@ class SealedCase:
                 noise = self.zero + self.stream(run, attempt, "noise").normal(0, self.noise, true.shape)
                 return Signals(clock, path.commands, times, true, noise, level, attempt)
         return None
+
+
+def precision(case: SealedCase, signals: Sequence[Signals], studio: Studio) -> Array:
+    """Least standard deviations `[nv]` of positions that frames allow, rad or m; see `Studio.precision`."""
+    assert case.film is not None
+    positions = np.concatenate([s.true for s in signals])
+    some = np.linspace(0, len(positions) - 1, FRAMES).round().astype(int)
+    return studio.precision(positions[some], case.film, np.random.default_rng([*case.entropy, len(STREAMS)]))
 
 
 def draw_case(plan: Plan, entropy: Sequence[int], filmed: bool = False) -> tuple[SealedCase, list[Signals]]:

@@ -30,18 +30,19 @@ def grade(nats: float) -> Grade:
     return "clear" if nats > CLEAR else "marginal" if nats >= MARGINAL else "hidden"
 
 
-def gain(case: SealedCase, signals: Sequence[Signals]) -> float:
+def gain(case: SealedCase, signals: Sequence[Signals], noise: Array) -> float:
     """Nats that the true form gains over the refitted simulator on the training recordings.
 
     The refit is to positions without noise. Half the sum of squares that it leaves, over the noise's variance, is what
     the truth is expected to gain; the prior of the refitted nuisances counts too, less that of the true ones, so that
     an effect hides behind a mass only as far as masses are uncertain. If a few windows leave more than `ENOUGH`,
-    that is returned, a lower bound: more windows cannot leave less.
+    that is returned, a lower bound: more windows cannot leave less. `noise` `[nv]` is the standard deviation of the
+    positions: of an encoder, or the least that frames allow.
     """
     simulator = _simulator(case.plan.system, 1 / case.rate / np.ceil(1 / case.rate / (STEP + 1e-4)))
     runs = enumerate(signals[:TRAINING])
     clean = [recording(case, run, replace(s, noise=np.broadcast_to(case.zero, s.true.shape))) for run, s in runs]
-    problem = windowed(simulator, clean, JointPositions(simulator.model, case.noise))
+    problem = windowed(simulator, clean, JointPositions(simulator.model, noise))
     few = _misfit(case, at_most(problem, FIRST_WINDOWS), iterations=8)
     return few if few > ENOUGH else _misfit(case, at_most(problem), iterations=15)
 
@@ -64,20 +65,20 @@ def _true_nuisances(case: SealedCase, problem: Problem) -> Array:
     )
 
 
-def gains(case: SealedCase, signals: Sequence[Signals]) -> tuple[float, list[float]]:
+def gains(case: SealedCase, signals: Sequence[Signals], noise: Array) -> tuple[float, list[float]]:
     """Nats of all mechanisms together, and of each.
 
     In a set, each is graded by injecting it alone into the same plant with the same starts, commands and noise: what it
     would gain if nothing else were missing. Refits with the others present would need their exact forms.
     """
-    together = gain(case, signals)
+    together = gain(case, signals, noise)
     if len(case.mechanisms) < 2:
         return together, [together] * len(case.mechanisms)
     singles = []
     for mechanism in case.mechanisms:
         alone = case.with_only(mechanism)
         runs = alone.simulate(range(TRAINING))
-        singles.append(together if runs is None else gain(alone, runs))
+        singles.append(together if runs is None else gain(alone, runs, noise))
     return together, singles
 
 

@@ -5,17 +5,27 @@ import json
 import shutil
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from keycld_control.benchmarks.blind.case import HELD_OUT, SECONDS, TRAINING, SealedCase, Signals, draw_case, recording
+from keycld_control.benchmarks.blind.case import (
+    HELD_OUT,
+    SECONDS,
+    TRAINING,
+    SealedCase,
+    Signals,
+    draw_case,
+    precision,
+    recording,
+)
 from keycld_control.benchmarks.blind.film import Studio
 from keycld_control.benchmarks.blind.grade import gains, grade
+from keycld_control.benchmarks.blind.mechanism import Array
 from keycld_control.benchmarks.blind.mechanisms.forces import Pushes
-from keycld_control.benchmarks.blind.plan import Plan, mix, plan
+from keycld_control.benchmarks.blind.plan import CATEGORIES, Category, Plan, mix, plan
 from keycld_control.benchmarks.blind.sites import environment_of
 from keycld_control.benchmarks.blind.strengths import place
 from keycld_envs.errors import InputError
@@ -40,11 +50,18 @@ class Settings:
         seed: of all random numbers.
         cases: their number.
         observe: "states", what encoders show, or "pixels", frames alone.
+        only: categories of cases.
     """
 
     seed: int
     cases: int
     observe: Literal["states", "pixels"] = "states"
+    only: tuple[Category, ...] = CATEGORIES
+
+    @cached_property
+    def plans(self) -> list[Plan]:
+        """What the cases are."""
+        return plan(self.cases, self.seed, self.only)
 
 
 def make(out: Path, settings: Settings, workers: int = 1, ray: str | None = None) -> dict[str, Any]:
@@ -65,7 +82,9 @@ def make(out: Path, settings: Settings, workers: int = 1, ray: str | None = None
     out = out.resolve()
     if settings.cases < 1 or settings.seed < 0 or workers < 1:
         raise InputError("cases and workers must be at least 1, and seed at least 0.")
-    plans, settled = plan(settings.cases, settings.seed), out / "settings.json"
+    if not settings.only:
+        raise InputError(f"only is empty; name categories of cases: {', '.join(CATEGORIES)}.")
+    plans, settled = settings.plans, out / "settings.json"
     content = json.dumps({"schema": SCHEMA, "generator": GENERATOR, **asdict(settings)}, indent=1) + "\n"
     with one_writer(out):
         if settled.is_file():
@@ -102,31 +121,32 @@ def _sealed(out: Path, index: int) -> Path:
 def _make(out: Path, settings: Settings, index: int) -> None:
     """Write one case: its answer first, then its folder, complete or not at all."""
     filmed = settings.observe == "pixels"
-    case, signals = draw_case(plan(settings.cases, settings.seed)[index], (settings.seed, 1, index), filmed)
-    with atomic_file(_sealed(out, index), "w") as file:
-        json.dump(answer(case, signals, index), file)
+    case, signals = draw_case(settings.plans[index], (settings.seed, 1, index), filmed)
     folder = _folder(out, index)
-    shutil.rmtree(folder, ignore_errors=True)
-    with atomic_folder(folder) as partial_folder:
-        with Studio(case.plan.system, case.errors) if filmed else nullcontext() as studio:
+    with Studio(case.plan.system, case.errors) if filmed else nullcontext() as studio:
+        noise = case.noise if studio is None else precision(case, signals[:TRAINING], studio)
+        with atomic_file(_sealed(out, index), "w") as file:
+            json.dump(answer(case, signals, index, noise), file)
+        shutil.rmtree(folder, ignore_errors=True)
+        with atomic_folder(folder) as partial_folder:
             for run, s in enumerate(signals):
                 part = "training" if run < TRAINING else "held_out"
                 visible = recording(case, run, s, studio)
                 write_recording(partial_folder / part / visible.id, visible)
-        about = {
-            "schema": SCHEMA,
-            "id": name(index),
-            "system": environment_of(case.plan.system),
-            "observe": settings.observe,
-            "excitation": case.plan.excitation,
-        }
-        (partial_folder / "case.json").write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+            about = {
+                "schema": SCHEMA,
+                "id": name(index),
+                "system": environment_of(case.plan.system),
+                "observe": settings.observe,
+                "excitation": case.plan.excitation,
+            }
+            (partial_folder / "case.json").write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
 
 
-def answer(case: SealedCase, signals: list[Signals], index: int) -> dict[str, Any]:
-    """Everything that was drawn, and how visible it is."""
-    together, singles = gains(case, signals)
-    noise = np.concatenate([(s.noise - case.zero).ravel() for s in signals[TRAINING:]])
+def answer(case: SealedCase, signals: list[Signals], index: int, noise: Array) -> dict[str, Any]:
+    """Everything that was drawn, and how visible it is where positions are known as well as `noise` `[nv]`."""
+    together, singles = gains(case, signals, noise)
+    held_out = np.concatenate([(s.noise - case.zero).ravel() for s in signals[TRAINING:]])
     return {
         "case": name(index),
         "category": case.plan.category,
@@ -138,11 +158,11 @@ def answer(case: SealedCase, signals: list[Signals], index: int) -> dict[str, An
         "oracle": {
             "metric": "held-out noise",
             "unit": "mrad or mm",
-            "value": 1e3 * float(remaining(len(signals[-1].t_state)) * np.std(noise)) if case.film is None else None,
+            "value": 1e3 * float(remaining(len(signals[-1].t_state)) * np.std(held_out)) if case.film is None else None,
         },
         "film": None if case.film is None else case.film.answer(),
         "nuisance": {**asdict(case.errors), "zero": case.zero.tolist()},
-        "noise": case.noise.tolist(),
+        "noise": noise.tolist(),
         "rate": case.rate,
         "jitter": case.jitter,
         "smooth": case.smooth,

@@ -15,6 +15,7 @@ from keycld_control.benchmarks.blind.strengths import DRIVEN, GLOBAL, LIBRARY
 Category = Literal["null", "one", "two", "three", "outside"]
 MIX: dict[Category, float] = {"null": 0.25, "one": 0.35, "two": 0.2, "three": 0.05, "outside": 0.15}
 """Share of each category among all cases."""
+CATEGORIES = tuple(MIX)
 T = TypeVar("T")
 
 
@@ -35,14 +36,26 @@ class Plan:
     parts: tuple[tuple[str, Site], ...] = ()
 
 
-def plan(cases: int, seed: int) -> list[Plan]:
-    """Plans of all cases in the order of their numbers, which tells nothing about them."""
-    rng = np.random.default_rng([seed, 0])
-    counts = {c: round(share * cases) for c, share in MIX.items() if c != "one"}
-    one = cases - sum(counts.values())
-    out = _nulls(counts["null"], rng) + _singles(one, rng) + _outside(counts["outside"], rng)
+def plan(cases: int, seed: int, only: Sequence[Category] = CATEGORIES) -> list[Plan]:
+    """Plans of all cases in the order of their numbers, which tells nothing about them.
+
+    Args:
+        cases: their number.
+        seed: of all that is drawn.
+        only: categories; their shares keep their proportions.
+    """
+    rng, counts = np.random.default_rng([seed, 0]), _counts(cases, only)
+    out = _nulls(counts["null"], rng) + _singles(counts["one"], rng) + _outside(counts["outside"], rng)
     out += _sets("two", 2, counts["two"], rng) + _sets("three", 3, counts["three"], rng)
     return [out[i] for i in rng.permutation(len(out))]
+
+
+def _counts(cases: int, only: Sequence[Category]) -> dict[Category, int]:
+    """How many cases there are of each category."""
+    rest: Category = "one" if "one" in only else only[0]
+    shares: dict[Category, float] = {c: share if c in only else 0.0 for c, share in MIX.items()}
+    counts = {c: round(share / sum(shares.values()) * cases) for c, share in shares.items()}
+    return {**counts, rest: cases - sum(n for c, n in counts.items() if c != rest)}
 
 
 def mix(plans: Sequence[Plan]) -> dict[str, int]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from keycld_control.benchmarks.blind.make import name
 from keycld_control.benchmarks.blind.match import CaseResult, Key
-from keycld_control.benchmarks.blind.measures import measures
+from keycld_control.benchmarks.blind.measures import REQUIRED, Required, measures
 from keycld_control.benchmarks.blind.run import read_manifest, read_report, reports
 from keycld_control.benchmarks.blind.tables import markdown
 from keycld_envs.errors import InputError
@@ -36,7 +36,8 @@ def score(out: Path, partial: bool = False) -> dict[str, Any]:
     if not methods:
         raise InputError(f"{out} has no reports; run `keycld blind run {out}` first.")
     methods.sort(key=lambda m: (m != "diagnose", m))
-    scored = {method: _score(_results(out, method, answers, partial)) for method in methods}
+    required = REQUIRED[manifest["observe"]]
+    scored = {method: _score(_results(out, method, answers, partial), required) for method in methods}
     result = {"manifest": manifest, "methods": scored}
     with atomic_file(out / "score.md", "w") as file:
         file.write(markdown(result))
@@ -64,7 +65,7 @@ def _results(out: Path, method: str, answers: Sequence[dict[str, Any]], partial:
     return results
 
 
-def _score(results: Sequence[CaseResult]) -> dict[str, Any]:
+def _score(results: Sequence[CaseResult], required: Required) -> dict[str, Any]:
     single = [t for t in results if len(t.truth) < 2]
     confusion: dict[str, Counter[str]] = {}
     for t in single:
@@ -72,7 +73,7 @@ def _score(results: Sequence[CaseResult]) -> dict[str, Any]:
         confusion.setdefault(truth, Counter())[" + ".join(sorted(e for e, _ in t.said)) or "nothing"] += 1
     return {
         "cases": len(results),
-        "rows": [row.to_dict() for row in measures(results)],
+        "rows": [row.to_dict() for row in measures(results, required)],
         "confusion": {truth: dict(said.most_common()) for truth, said in sorted(confusion.items())},
         "wrong": [_wrong(t) for t in results if not _correct(t)],
     }

@@ -69,7 +69,8 @@ class Search:
             best = min(best, self.refine(start.with_effects(*effects)), key=score_of)
         for _ in range(EFFORT.rounds):
             better = self._simplified(self._pruned(min([best, *self._finalists(best)], key=score_of)))
-            better = self.refine(self._exchanged(better).fit.point, thoroughly=True)
+            better = self._simplified(self._exchanged(better))  # what came in another's place may have a simpler form
+            better = self.refine(better.fit.point, thoroughly=True)
             if not better.improves_on(best, self.least(better)):
                 break
             best = better
