@@ -16,6 +16,7 @@ from keycld_model.image_alignment.films import frame_times
 from keycld_model.image_alignment.pose import TRUSTED, explained_share
 from keycld_model.joints import wrapped
 from keycld_model.learned_mjcf import LearnedMjcf, places_of
+from keycld_model.turns import on_common_turns
 from keycld_model.world_model import WorldModel
 
 Floats = NDArray[np.float64]
@@ -43,9 +44,9 @@ def learned_positions(recordings: Sequence[Recording], model: WorldModel, docume
     still = np.median(every, axis=0).astype(np.float32)
     places, early = places_of(model, document), _early(model)
     turns = document.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
-    out, explained, again = [], [], []
+    read, explained, again = [], [], []
     with progress("Reading positions off images", total=sum(map(len, films))) as advance:
-        for recording, film in zip(recordings, films, strict=True):
+        for film in films:
             keypoints = model.keypoints(film)
             q, drawn = np.asarray(places(keypoints), np.float64), model.render(keypoints)
             shares = np.array(
@@ -56,13 +57,19 @@ def learned_positions(recordings: Sequence[Recording], model: WorldModel, docume
             again.append(np.where(turns, wrapped(error), error)[readable])
             explained.append(shares)
             q[~readable] = np.nan
-            out.append(_with_positions(recording, document, q, turns, early))
+            for j in np.flatnonzero(turns):  # they go on from frame to frame
+                q[readable, j] = np.unwrap(q[readable, j])
+            read.append(q)
             advance(len(film))
+    out = [
+        _with_positions(recording, document, q, turns, early)
+        for recording, q in zip(recordings, on_common_turns(read, turns), strict=True)
+    ]
     errors = np.concatenate(again)
     error = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(len(turns), np.nan)
     return Positions(
         recordings=tuple(out),
-        deviation=tuple(np.broadcast_to(error, np.shape(r.qpos)) for r in out),
+        deviation=tuple(np.broadcast_to(error, q.shape) for q in read),
         explained=tuple(explained),
         readable=tuple(shares >= TRUSTED for shares in explained),
         parameters=(),
@@ -103,10 +110,7 @@ def _early(model: WorldModel) -> float:
 def _with_positions(
     recording: Recording, document: LearnedMjcf, q: Floats, turns: NDArray[np.bool_], early: float
 ) -> Recording:
-    """The recording with positions in place of any that it has; turns go on from frame to frame."""
-    for j in np.flatnonzero(turns):
-        known = np.isfinite(q[:, j])
-        q[known, j] = np.unwrap(q[known, j])
+    """The recording with positions in place of any that it has."""
     if recording.t_action is not None and recording.source == "simulation":
         recording = replace(recording, t_action=recording.t_action - early)
     length = "m" if document.units.of_system else "1"

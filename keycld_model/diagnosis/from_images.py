@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
@@ -19,6 +20,9 @@ from keycld_model.image_alignment import Positions, read_positions
 from keycld_model.learned_mjcf import LearnedMjcf, learned_mjcf
 from keycld_model.learned_positions import learned_positions
 from keycld_model.world_model import WorldModel
+
+LEAST_SEEN = 0.5
+"""Share of the frames of a recording that must tell positions; between them, motion is hidden for too long."""
 
 
 def diagnose_images(
@@ -50,7 +54,8 @@ def diagnose_images(
         workers: processes that read images.
 
     Returns:
-        The report; `nuisance` has the camera's errors, `details["images"]` how far frames were trusted.
+        The report; `nuisance` has the camera's errors, `details["images"]` how far frames were trusted, and which
+        recordings were left out because few of theirs tell positions.
 
     Raises:
         InputError: if frames or the camera are missing, or what `diagnose` raises.
@@ -147,11 +152,13 @@ def _diagnosed(
     if encoders:
         seen = [joined(own, read) for own, read in zip(every, seen, strict=True)]
         observation = EncodersAndCamera(model, noise, criteria=criteria)
-    now, before = seen[:training], seen[training + held_out :]
+    parts = slice(training), slice(training, training + held_out), slice(training + held_out, None)
+    now, test, before = (_mostly_seen(seen[part], positions.readable[part]) for part in parts)
+    used = {r.id for r in (*now, *test, *before)}
     if before:
         report = diagnose(now, model, criteria=criteria, baseline=before, budget=budget)
     else:
-        report = diagnose(now, model, seen[training : training + held_out], False, observation, criteria, budget=budget)
+        report = diagnose(now, model, test, False, observation, criteria, budget=budget)
     evidence = report.evidence
     if evidence is not None:
         evidence = replace(evidence, pictures=pictures(evidence.rollouts, every, positions, model))
@@ -159,8 +166,17 @@ def _diagnosed(
         report,
         evidence=evidence,
         nuisance={**report.nuisance, **_camera(positions)},
-        details={**report.details, "tracked": True, "images": _summary(positions)},
+        details={
+            **report.details,
+            "tracked": True,
+            "images": {**_summary(positions), "left_out": [r.id for r in every if r.id not in used]},
+        },
     )
+
+
+def _mostly_seen(recordings: Sequence[Recording], readable: Sequence[NDArray[np.bool_]]) -> Sequence[Recording]:
+    """Without those in which what moves is hidden, or has left the image, for most of the time; all if none is left."""
+    return [r for r, f in zip(recordings, readable, strict=True) if np.mean(f) >= LEAST_SEEN] or recordings
 
 
 def _camera(positions: Positions) -> dict[str, Estimate]:

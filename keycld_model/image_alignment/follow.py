@@ -39,7 +39,7 @@ def follow(
         frames: `[T, H, W, 3]`.
         bank: drawings of the scene.
     """
-    still, turn = light.apply(bank.still), _turns(scene.model)
+    still, turn = light.apply(bank.still), turning(scene.model)
     poses: list[Pose] = []
     misfits: list[float] = []
     for k, raw in enumerate(frames):
@@ -57,7 +57,7 @@ def follow(
     return poses
 
 
-def _turns(model: mujoco.MjModel) -> NDArray[np.bool_]:
+def turning(model: mujoco.MjModel) -> NDArray[np.bool_]:
     """`[nq]` whether a joint looks the same after a full turn."""
     return (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & ~model.jnt_limited.astype(bool)
 

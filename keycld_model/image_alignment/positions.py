@@ -18,11 +18,12 @@ from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.calibration import reading_error, samples_together
 from keycld_model.image_alignment.films import Films, read_films
 from keycld_model.image_alignment.fit_look import SCHEDULE, Look, fit_look
-from keycld_model.image_alignment.follow import follow
+from keycld_model.image_alignment.follow import follow, turning
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import LookParameter
 from keycld_model.image_alignment.pose import Pose
 from keycld_model.image_alignment.scene import Scene
+from keycld_model.turns import on_common_turns
 
 Array = NDArray[np.float64]
 Job = tuple[Light, Array, NDArray[np.uint8]]
@@ -165,9 +166,12 @@ def _positions(
     """As recordings of joint positions."""
     explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
     readable = tuple(np.array([pose.readable for pose in poses]) for poses in followed)
+    read = [
+        np.where(good[:, None], [pose.q for pose in poses], np.nan)
+        for poses, good in zip(followed, readable, strict=True)
+    ]
     out = []
-    for recording, times, poses, good in zip(recordings, films.times, followed, readable, strict=True):
-        q = np.where(good[:, None], [pose.q for pose in poses], np.nan)
+    for recording, times, q in zip(recordings, films.times, on_common_turns(read, turning(model)), strict=True):
         units = tuple("m" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for kind in model.jnt_type)
         own = {key: unit for key, unit in recording.units.items() if key != "qvel"}
         names = tuple(model.joint(j).name for j in range(model.njnt))

@@ -14,6 +14,7 @@ from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.inputs.observation.joint_positions import JointPositions
 from keycld_model.diagnosis.inputs.observation.noise import estimate_noise
 from keycld_model.diagnosis.inputs.observation.nuisance import Nuisance
+from keycld_model.turns import on_turns_of
 
 Array = NDArray[np.float64]
 SEEN = " (camera)"
@@ -110,14 +111,15 @@ def joined(encoders: Recording, camera: Recording) -> Recording:
     both = slow[(slow >= max(t[0] for t in clocks) - 1e-9) & (slow <= min(t[-1] for t in clocks) + 1e-9)]
     if len(both) < 2:
         raise InputError(f"Recording {encoders.id!r}: encoders and camera were never on at once; check its clocks.")
-    values = [_at(both, t, np.asarray(r.qpos)) for t, r in zip(clocks, (encoders, camera), strict=True)]
+    known, seen = (_at(both, t, np.asarray(r.qpos)) for t, r in zip(clocks, (encoders, camera), strict=True))
     unit = camera.units["qpos"]
+    seen = on_turns_of(known, seen, np.array([u == "rad" for u in unit]))
     return replace(
         camera,
         joint_names=(*camera.joint_names, *(name + SEEN for name in camera.joint_names)),
         units={**camera.units, "qpos": (*unit, *unit)},
         t_state=both,
-        qpos=np.concatenate(values, axis=1),
+        qpos=np.concatenate([known, seen], axis=1),
     )
 
 
