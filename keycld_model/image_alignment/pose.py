@@ -36,6 +36,8 @@ TRUSTED = 0.5
 UNCERTAIN = 0.25
 """Pixels; where a link is hidden, leaves the image or points at the camera, its joint is not known better, and
 positions are missing, too."""
+IN_VIEW = 0.25
+"""Share of a link's length; with less inside the image, its stub fits other angles as well."""
 SATURATED = 50.0
 """Grey levels; a pixel that is off by more is elsewhere altogether, and counts as if by so many."""
 
@@ -51,6 +53,7 @@ class Pose:
         explained: share of what differs from the scene without this motion that the pose explains, 1 at best.
         uncertainty: standard deviation of the joint that the frame shows worst, as its links move in the image, pixels;
             by those pixels alone that change in proportion to it, which the stub of a link at the border has none of.
+        in_view: share of a link's length that is inside the image, of the link that is least so.
     """
 
     q: Array
@@ -58,11 +61,12 @@ class Pose:
     misfit: float
     explained: float
     uncertainty: float
+    in_view: float
 
     @property
     def readable(self) -> bool:
         """Whether the frame tells positions."""
-        return self.explained >= TRUSTED and self.uncertainty <= UNCERTAIN
+        return self.explained >= TRUSTED and self.uncertainty <= UNCERTAIN and self.in_view >= IN_VIEW
 
 
 def align(scene: Scene, look: Array, light: Light, frame: Image, still: Image, start: Array, near: bool) -> Pose:
@@ -103,7 +107,8 @@ class _Fit:
     def pose(self, still: Image) -> Pose:
         """The best one."""
         share = explained_share(self._frame, self._drawn, still)
-        return Pose(self.q, self._covariance, self._misfit, share, self._uncertainty)
+        in_view = self._scene.in_view(self.q, self._look)
+        return Pose(self.q, self._covariance, self._misfit, share, self._uncertainty, in_view)
 
     def converge(self, q: Array, soft: float, fine: float = 1.0) -> float:
         """Steps of Gauss-Newton with one Jacobian, on images softened so far; returns the length of the last.

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from keycld_envs.projection import pose, world_to_image
 from keycld_envs.rendering import Quality, Renderer
-from keycld_model.image_alignment.look import CAMERA, lengthen, look_parameters, view_of
+from keycld_model.image_alignment.look import CAMERA, lengthen, look_parameters, pixels_of, view_of
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -120,6 +120,17 @@ class Scene:
                 low[j], high[j] = self._visible(j)
         return low, high
 
+    def in_view(self, q: Array, values: Array) -> float:
+        """Share of a link's length that is inside the image, of the link that is least so."""
+        height, width = self.size
+        ends = self._ends(q, values) * [2 / (width - 1), 2 / (height - 1)]
+        along = np.linspace(0.0, 1.0, 21)[:, None, None]
+        x, y = np.moveaxis(pixels_of(ends[0] + along * (ends[1] - ends[0]), values, self.size), -1, 0)
+        share = np.mean((x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5), axis=0)
+        link = self.model.body_weldid[self.model.geom_bodyid[self._moving]]
+        joints = self.model.body_weldid[self.model.jnt_bodyid]
+        return min((float(share[link == j].max()) for j in joints if (link == j).any()), default=1.0)
+
     def _visible(self, joint: int) -> tuple[float, float]:
         """How far a slide moves until its body leaves the image, m, from its zero."""
         q, size = np.zeros(self.model.nq), max(self.size)
@@ -145,14 +156,22 @@ class Scene:
             self._lengths = np.array(values[len(CAMERA) : -1])
         pose(self._drawn, self._data, q)
 
+    @property
+    def _moving(self) -> NDArray[np.intp]:
+        """Indices `[G]` of geoms that move."""
+        return np.flatnonzero(self.model.body_weldid[self.model.geom_bodyid] > 0)
+
     def _points(self, q: Array, values: Array) -> Array:
-        """Pixels `[G, 2]` of the ends of all geoms that move."""
+        """Pixels `[2 G, 2]` from the centre, of the ends of all geoms that move, for a camera as the simulator's."""
+        return self._ends(q, values).reshape(-1, 2)
+
+    def _ends(self, q: Array, values: Array) -> Array:
+        """The same as `[2, G, 2]`."""
         self._place(q, values)
-        model, data = self._drawn, self._data
-        moving = np.flatnonzero(model.body_weldid[model.geom_bodyid] > 0)
+        model, data, moving = self._drawn, self._data, self._moving
         axis = data.geom_xmat.reshape(-1, 3, 3)[moving, :, 2]
         reach = np.where(model.geom_type[moving] == mujoco.mjtGeom.mjGEOM_SPHERE, 0, model.geom_size[moving, 1])
-        ends = np.concatenate([data.geom_xpos[moving] + sign * reach[:, None] * axis for sign in (-1, 1)])
+        ends = np.stack([data.geom_xpos[moving] + sign * reach[:, None] * axis for sign in (-1, 1)])
         height, width = self.size
         seen = world_to_image(model, data, ends, self._camera, width, height)
         return seen * [(width - 1) / 2, (height - 1) / 2]
