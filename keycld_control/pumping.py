@@ -3,8 +3,8 @@
 One actuator pumps, the one that lacks most. The others hold the mechanism in the shape it has at the target, so that it
 moves along a curve: the configurations reached from the target when only the pumping actuator moves (for an acrobot
 with a weak shoulder, the straight arm at every angle). On that curve it is a pendulum with one degree of freedom. The
-pumping actuator pushes in the direction of its motion until the learned T + V is a little above the highest V on the
-curve; then every swing passes the target, where gravity is weak enough for the control law itself.
+pumping actuator pushes in the direction of its motion, and at rest downhill, until the learned T + V is a little above
+the highest V on the curve; then every swing passes the target, where gravity is weak enough for the control law itself.
 """
 
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from keycld_control.plant import Plant, beyond_friction, energy, project, respon
 from keycld_control.skeleton import turned
 
 MARGIN = 0.95
-"""An actuator lifts directly if gravity asks for at most this share of its limit."""
+"""An actuator lifts directly if gravity and dry friction ask for at most this share of its limit."""
 POSES = 1024
 CURVE_STEP, CURVE_POINTS = 0.02, 400
 """Distance of neighbouring points of the curve, image units, and their number in each direction."""
@@ -28,6 +28,9 @@ EXCESS = 0.02
 """Energy beyond the highest potential energy of the curve, as a share of the range of V on it."""
 BAND = 0.05
 """Pumping weakens within this share of the range of V from the wanted energy."""
+SLOW, LEVEL = 0.02, 0.2
+"""A mechanism is at rest below so many image units per second, and hangs where gravity accelerates it by fewer image
+units per second squared, as a pendulum within some hundredths of a radian does."""
 RELEASE = 1.2
 """A caught mechanism is let go when gravity asks for more than this multiple of a limit."""
 
@@ -52,7 +55,8 @@ class Pump(NamedTuple):
         curve: `[P, n]` configurations in the target's shape.
         energy: energy wanted.
         span: range of the potential energy on the curve.
-        slow: rate of the pumping actuator under which it keeps its direction.
+        slow: rate of the pumping actuator under which it is at rest, and starts downhill.
+        level: acceleration of that rate by gravity, under which there is no slope, and it keeps its direction.
     """
 
     actuator: int
@@ -60,10 +64,13 @@ class Pump(NamedTuple):
     energy: float
     span: float
     slow: float
+    level: float
 
 
 def gravity_load(plant: Plant, target: Array, low: Array, high: Array, seed: int = 0) -> NDArray[np.float64]:
-    """The greatest share of its limit that each actuator needs to hold the mechanism still, in any configuration.
+    """The greatest share of its limit that each actuator needs to lift the mechanism slowly, in any configuration.
+
+    That is what gravity asks for, and dry friction where a corrected model has it.
 
     Args:
         plant: the model.
@@ -81,7 +88,9 @@ def gravity_load(plant: Plant, target: Array, low: Array, high: Array, seed: int
     def load(angles: Array) -> Array:
         x, rest = project(plant, turned(plant.mechanism, target, angles, plant.pivot), jnp.zeros_like(target), 3)
         _, resting = responses(plant, x, rest)
-        u = unbounded_action(resting, rest)
+        up = jnp.sign(unbounded_action(resting, rest))
+        lifting = resting.inputs @ jnp.linalg.solve(resting.gram, up.astype(x.dtype))
+        u = unbounded_action(resting, beyond_friction(plant, x, lifting, rest))
         return jnp.maximum(u / high, u / low)
 
     return np.asarray(jax.jit(jax.vmap(load))(angles), np.float64).max(axis=0)
@@ -114,7 +123,7 @@ def plan_pumping(plant: Plant, target: Array, low: Array, high: Array) -> Pump |
     curve, potential = trace(target)
     span = float(potential.max() - potential.min())
     rate = float(jnp.abs(plant.input_matrix(target)[:, actuator]).max())
-    return Pump(actuator, curve, float(potential.max()) + EXCESS * span, span, 0.02 * rate)
+    return Pump(actuator, curve, float(potential.max()) + EXCESS * span, span, SLOW * rate, LEVEL * rate)
 
 
 def first_pump_state() -> PumpState:
@@ -164,7 +173,9 @@ def pumping_action(
     distance = jnp.sum(moving.weight * (pump.curve - x) ** 2, axis=1)
     shape = turning_acceleration(plant, x, v, pump.curve[jnp.argmin(distance)], kp, kd, speed=jnp.inf)
     rate = plant.input_matrix(x)[:, pump.actuator] @ v
-    direction = jnp.where(jnp.abs(rate) > pump.slow, jnp.sign(rate), state.direction)
+    fall = plant.input_matrix(x)[:, pump.actuator] @ resting.free
+    start = jnp.where(jnp.abs(fall) > pump.level, jnp.sign(fall), state.direction)  # friction may hold it on a slope
+    direction = jnp.where(jnp.abs(rate) > pump.slow, jnp.sign(rate), start)
     push = jnp.clip((pump.energy - energy(plant, x, v)) / (BAND * pump.span), -1.0, 1.0) * direction
     action = push * jnp.where(push > 0, high[pump.actuator], -low[pump.actuator])
     only = jnp.arange(len(low)) == pump.actuator

@@ -75,7 +75,7 @@ class AddedEffects:
         timestep: seconds for which a command is held.
         points: the learned masses and what holds them.
         joints: positions `[nq]` of joints, rad or m, of keypoints `[n]`.
-        scale: learned power per W.
+        scale: `[nq]` learned power per W, of each joint.
         weights: `[K]` learned weights of the masses, learned mass x image units/s^2.
     """
 
@@ -84,7 +84,7 @@ class AddedEffects:
     timestep: float
     points: PointMasses
     joints: Callable[[Array], Array]
-    scale: float
+    scale: Floats
     weights: Floats
 
     # Commands -------------------------------------------------------------------------------------------------------
@@ -125,7 +125,7 @@ class AddedEffects:
             if effect.forces and not effect.has_dry_friction:
                 i = effect.dof(self.simulator)
                 torque = torque.at[i].add(effect.torque(jnp.zeros(()), q[i], qd[i]))
-        return self.scale * slope.T @ torque
+        return slope.T @ (self.scale * torque)
 
     def against_friction(self, x: Array, v: Array) -> Array:
         """The acceleration `[n]` that dry friction takes from a motion that is now to go on with velocities `[n]`.
@@ -164,7 +164,7 @@ class AddedEffects:
     def _reply(self, x: Array, slope: Array) -> Array:
         """Acceleration `[n, nq]` per unit of torque at each joint, at rest."""
         rest = jnp.zeros_like(x)
-        return jax.vmap(lambda f: self.points.acceleration(f, x, rest), 0, 1)(self.scale * slope)
+        return jax.vmap(lambda f: self.points.acceleration(f, x, rest), 0, 1)(self.scale[:, None] * slope)
 
     def _dry(self, q: Array, qd: Array) -> Array:
         """Greatest dry friction `[nq]`, N m or N."""
@@ -234,7 +234,7 @@ def added_effects(
     for effect in effects:
         _check(effect, simulator)
     joints, (x, _) = joint_positions(system, points), allowed_states(points)
-    scale = learned_power(system, points, input_matrix)
+    scale = power_of_joints(system, points, input_matrix)
     energies = np.asarray(jax.jit(jax.vmap(potential_energy))(x))
     heights = np.asarray(x).reshape(len(x), -1, 2)[..., 1]
     weights = weights_of(np.asarray(points.masses), heights, energies)
@@ -252,10 +252,7 @@ def learned_power(system: System, points: PointMasses, input_matrix: Callable[[A
     Raises:
         InputError: if the model's motors are not the system's.
     """
-    joints, (x, v) = joint_positions(system, points), allowed_states(points)
-    slopes = jax.jit(jax.vmap(jax.jacfwd(joints)))(x)
-    declared = np.einsum("pjn,pn,ji->pi", slopes, v, torque_per_command(system.compile())).ravel()
-    learned = np.einsum("pni,pn->pi", jax.jit(jax.vmap(input_matrix))(x), v).ravel()
+    declared, learned = (powers.ravel() for powers in _powers(system, points, input_matrix))
     scale = float(declared @ learned / (declared @ declared))
     off = np.sqrt(np.mean((learned - scale * declared) ** 2) / np.mean(learned**2))
     if not off < UNLIKE or scale <= 0:
@@ -264,6 +261,28 @@ def learned_power(system: System, points: PointMasses, input_matrix: Callable[[A
             f"{100 * off:.0f} %), so that effects have no place in it; train it longer, or on that system."
         )
     return scale
+
+
+def power_of_joints(system: System, points: PointMasses, input_matrix: Callable[[Array], Array]) -> Floats:
+    """Learned power per W `[nq]`, of each joint: that of its own motor, or of all where it has none of its own.
+
+    The masses of a light link are learned less well than how its own motor moves it, and what is missing at a joint is
+    told from that motion. Arguments and errors as in `learned_power`.
+    """
+    usual, per_command = learned_power(system, points, input_matrix), torque_per_command(system.compile())
+    declared, learned = _powers(system, points, input_matrix)
+    own = np.sum(declared * learned, axis=0) / np.maximum(np.sum(declared**2, axis=0), 1e-12)
+    works = np.abs(per_command) > 0
+    alone = works & (works.sum(axis=0) == 1) & (works.sum(axis=1, keepdims=True) == 1) & (own > 0)
+    return np.where(alone.any(axis=1), alone @ own, usual)
+
+
+def _powers(system: System, points: PointMasses, input_matrix: Callable[[Array], Array]) -> tuple[Floats, Floats]:
+    """Power of each motor `[P, m]` per unit of command in some states: as declared, W, and as learned."""
+    joints, (x, v) = joint_positions(system, points), allowed_states(points)
+    slopes = jax.jit(jax.vmap(jax.jacfwd(joints)))(x)
+    declared = np.einsum("pjn,pn,ji->pi", slopes, v, torque_per_command(system.compile()))
+    return declared, np.einsum("pni,pn->pi", jax.jit(jax.vmap(input_matrix))(x), v)
 
 
 def weights_of(masses: Floats, heights: Floats, energies: Floats) -> Floats:
