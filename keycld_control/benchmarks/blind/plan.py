@@ -54,8 +54,9 @@ def _counts(cases: int, only: Sequence[Category]) -> dict[Category, int]:
     """How many cases there are of each category."""
     rest: Category = "one" if "one" in only else only[0]
     shares: dict[Category, float] = {c: share if c in only else 0.0 for c, share in MIX.items()}
-    counts = {c: round(share / sum(shares.values()) * cases) for c, share in shares.items()}
-    return {**counts, rest: cases - sum(n for c, n in counts.items() if c != rest)}
+    counts: dict[Category, int] = {c: round(share / sum(shares.values()) * cases) for c, share in shares.items()}
+    counts[rest] += cases - sum(counts.values())
+    return counts
 
 
 def mix(plans: Sequence[Plan]) -> dict[str, int]:
