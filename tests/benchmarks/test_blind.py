@@ -13,7 +13,8 @@ from keycld_control.benchmarks.blind import make as making
 from keycld_control.benchmarks.blind.case import HELD_OUT, MAX_SPEED, TRAINING, draw_case
 from keycld_control.benchmarks.blind.excite import LIMIT
 from keycld_control.benchmarks.blind.make import Settings, make
-from keycld_control.benchmarks.blind.plan import MIX, Plan, mix, plan
+from keycld_control.benchmarks.blind.measures import REQUIRED, measures
+from keycld_control.benchmarks.blind.plan import CATEGORIES, MIX, Plan, mix, plan
 from keycld_control.benchmarks.blind.plant import CasePlant, PlantTrajectory
 from keycld_control.benchmarks.blind.run import run
 from keycld_control.benchmarks.blind.sites import SITES
@@ -102,6 +103,21 @@ def test_the_mix_is_kept_and_effects_come_evenly():
     assert {s.name for p in plans for _, s in p.parts} == {s.name for s in SITES}
     assert [p.category for p in plan(300, 6)] != [p.category for p in plans]
     assert len(plan(1, 0)) == 1
+
+
+def test_some_categories_keep_their_proportions():
+    assert mix(plan(172, 5, ("null", "one"))) == {"null": 72, "one": 100}
+    assert mix(plan(7, 5, ("two",))) == {"two": 7}
+    assert mix(plan(10, 5, ("null", "outside"))) == {"null": 6, "outside": 4}
+    assert plan(40, 5, CATEGORIES) == plan(40, 5)
+
+
+def test_what_must_be_reached_depends_on_what_is_observed():
+    from_states, from_images = (
+        {m.measure: m.required for m in measures([], REQUIRED[observe])} for observe in ("states", "pixels")
+    )
+    assert from_states["one clear effect: name"] == 0.98 and from_images["one clear effect: name"] == 0.95
+    assert from_states["seconds per case, longest"] == 60 and from_images["seconds per case, longest"] == 600
 
 
 def test_the_taxonomy_is_covered():

@@ -1,13 +1,14 @@
 """Sealed cases that a camera saw."""
 
 import json
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
 from keycld_control.benchmarks.blind.case import HELD_OUT, TRAINING
-from keycld_control.benchmarks.blind.film import SIZE, Film, lengthen
+from keycld_control.benchmarks.blind.film import SIZE, UNSEEN, Film, Studio, lengthen
 from keycld_control.benchmarks.blind.make import Settings, make
 from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors
 from keycld_envs.recordings import read_dataset
@@ -47,6 +48,28 @@ def test_links_look_as_long_as_they_are():
     nominal = get_system("acrobot").compile()
     lengthen(nominal, ParameterErrors({}, {}))
     assert np.array_equal(nominal.geom_size, get_system("acrobot").compile().geom_size)
+
+
+@pytest.mark.render
+def test_frames_tell_positions_the_better_the_less_is_between():
+    """Never better than .03 pixels, of which a rad is 15 at the end of the pendulum."""
+    still = Film.draw(np.random.default_rng(1))
+    films = [
+        replace(still, blur=0.2, noise=noise, jpeg=jpeg) for noise, jpeg in ((0.0, None), (10.0, None), (10.0, 75))
+    ]
+    positions, rng = np.linspace(0, 6, 8)[:, None], np.random.default_rng(0)
+    with Studio("pendulum", ParameterErrors({}, {})) as studio:
+        clean, noisy, compressed = (float(studio.precision(positions, film, rng)[0]) for film in films)
+    assert clean == pytest.approx(0.03 / 15, rel=0.15)
+    assert clean < noisy < compressed < 0.01
+
+
+@pytest.mark.render
+def test_what_is_out_of_view_is_not_known():
+    film = replace(Film.draw(np.random.default_rng(1)), right=0.0)
+    with Studio("cartpole", ParameterErrors({}, {})) as studio:
+        away = studio.precision(np.array([[20.0, 0.0]] * 3), film, np.random.default_rng(0))
+    assert (away == UNSEEN).all()
 
 
 def test_a_third_of_the_films_look_otherwise():

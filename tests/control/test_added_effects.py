@@ -24,7 +24,7 @@ from keycld_envs.effects import (
 )
 from keycld_envs.effects.stored import effect_to_json, effects_from_json
 from keycld_model import WorldModel
-from keycld_model.added_effects import AddedEffects, added_effects
+from keycld_model.added_effects import AddedEffects, added_effects, learned_power, power_of_joints
 from keycld_model.physics import PointMasses
 
 
@@ -87,6 +87,23 @@ def test_dry_friction_brakes_as_in_mujoco(name):
         x, v = step(x, v)
     np.testing.assert_allclose(x, point_masses(name, data.qpos), atol=4e-3)
     np.testing.assert_allclose(v, velocities(name, data.qpos.copy(), data.qvel.copy()), atol=0.05)
+
+
+def test_an_effect_is_in_the_units_of_the_motor_at_its_joint():
+    """Masses of a light link are learned less well than how its own motor moves it."""
+    exact = make_oracle("cartpole")
+    points = PointMasses(exact.mechanism, exact.masses, exact.level, exact.pivot)
+
+    def stronger(x):
+        return exact.input_matrix_fn(x) * jnp.array([1.0, 1.2])
+
+    system = get_system("cartpole")
+    whole = learned_power(system, points, stronger)
+    slide, hinge = power_of_joints(system, points, stronger)
+    assert hinge / slide == pytest.approx(1.2, rel=1e-3)
+    assert slide < whole < hinge
+    cloned = power_of_joints(system, points, exact.input_matrix_fn)
+    np.testing.assert_allclose(cloned, learned_power(system, points, exact.input_matrix_fn), rtol=1e-3)
 
 
 def test_dry_friction_holds_what_is_lighter_than_it():

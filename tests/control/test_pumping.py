@@ -1,12 +1,17 @@
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracle import SYSTEMS, body_of, make_oracle, point_masses
 
 from keycld_control.plant import Plant
-from keycld_control.pumping import gravity_load, plan_pumping
+from keycld_control.pumping import PumpState, gravity_load, plan_pumping, pumping_action
 from keycld_control.skeleton import rod_vectors
 from keycld_envs import get_system
+from keycld_envs.effects import CoulombFriction
+from keycld_model.added_effects import added_effects
+from keycld_model.physics import PointMasses
 
 DEFAULT = {"pendulum": 3.0, "cartpole": 3.0, "acrobot": 15.0}
 
@@ -33,6 +38,43 @@ def test_default_limits_lift_directly(name):
 )
 def test_gravity_load_is_that_of_statics(name, limit, load):
     np.testing.assert_allclose(plan(name, limit)[1], load, rtol=5e-3, atol=1e-5)
+
+
+def with_friction(c: float) -> Plant:
+    """A pendulum whose hinge has dry friction, N m."""
+    exact = make_oracle("pendulum")
+    points = PointMasses(exact.mechanism, exact.masses, exact.level, exact.pivot)
+    known = exact.potential_energy_fn, exact.input_matrix_fn
+    added = added_effects([CoulombFriction("hinge", c)], get_system("pendulum"), exact.timestep, points, *known)
+    return Plant.of(replace(exact, added=added))
+
+
+def test_friction_is_lifted_too():
+    plant, target, bound = (
+        with_friction(1.68),
+        jnp.asarray(point_masses("pendulum", (0.0,)), jnp.float32),
+        jnp.array([3.0]),
+    )
+    np.testing.assert_allclose(gravity_load(plant, target, -bound, bound), [(0.5 * 9.81 + 1.68) / 6], rtol=5e-3)
+    assert plan_pumping(plant, target, -bound, bound) is not None
+    assert plan_pumping(with_friction(0.1), target, -bound, bound) is None
+
+
+@pytest.mark.parametrize("angle", [-1.5, 1.5])
+def test_what_friction_holds_on_a_slope_starts_downhill(angle):
+    plant, target, bound = (
+        with_friction(1.68),
+        jnp.asarray(point_masses("pendulum", (0.0,)), jnp.float32),
+        jnp.array([3.0]),
+    )
+    pump = plan_pumping(plant, target, -bound, bound)
+    assert pump is not None
+    x = jnp.asarray(point_masses("pendulum", (angle,)), jnp.float32)
+    for direction in (-1.0, 1.0):
+        state = PumpState(jnp.array(False), jnp.array(direction))
+        state, action = pumping_action(plant, pump, state, x, 0 * x, target, 40.0, 10.0, -bound, bound)
+        assert not state.caught
+        np.testing.assert_allclose(action, 3 * np.sign(angle))
 
 
 def test_a_weak_shoulder_pumps_with_a_straight_arm():

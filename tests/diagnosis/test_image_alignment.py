@@ -9,15 +9,17 @@ from numpy.typing import NDArray
 
 from keycld_control.cli import main
 from keycld_envs.errors import InputError
-from keycld_envs.recordings import write_recording
+from keycld_envs.recordings import Recording, write_recording
 from keycld_envs.recordings.crop import reduced
 from keycld_envs.rendering import View
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose_images
+from keycld_model.diagnosis.from_images import _mostly_seen
 from keycld_model.image_alignment import Positions, read_positions
 from keycld_model.image_alignment.films import LARGEST
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import lengthen
+from keycld_model.image_alignment.scene import Scene
 
 PIXELS_PER_METRE = {"pendulum": 30.9, "cartpole": 12.9, "acrobot": 12.9}
 """Of the nominal cameras, frames of 64 pixels."""
@@ -92,6 +94,29 @@ def test_of_another_scene_no_physics_is_named():
     assert report.verdict == "undetermined"
     assert not report.findings
     assert "nothing is said of physics" in report.headline
+
+
+@pytest.mark.render
+def test_the_stub_of_a_link_at_the_border_is_not_in_view():
+    declared = get_system("cartpole")
+    with Scene(declared.compile(), declared.camera, (64, 64), "fast") as scene:
+        shares = [
+            scene.in_view(np.array(q), scene.nominal) for q in ((0.0, 0.3), (2.3, 1.57), (2.3, -1.57), (4.0, 0.0))
+        ]
+        moved = scene.nominal.copy()
+        moved[0] = -12.0  # pixels to the right
+        inside = scene.in_view(np.array([2.3, 1.57]), moved)
+    assert shares[0] == shares[2] == inside == 1.0
+    assert 0 < shares[1] < 0.25
+    assert shares[3] == 0.0
+
+
+def test_recordings_that_hardly_show_the_mechanism_are_left_out():
+    t, still = np.arange(10) * 0.02, {"joint_names": ("hinge",), "units": {"qpos": "rad"}, "qpos": np.zeros((10, 1))}
+    runs = [Recording(id=str(k), source="simulation", t_state=t, **still) for k in range(3)]
+    readable = [np.arange(10) < n for n in (10, 4, 5)]
+    assert [r.id for r in _mostly_seen(runs, readable)] == ["0", "2"]
+    assert list(_mostly_seen(runs[1:2], readable[1:2])) == runs[1:2]
 
 
 def test_light_is_a_factor_and_an_offset_that_strangers_do_not_change():
