@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_model.autocorrelation import samples_together
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.follow import follow
 from keycld_model.image_alignment.light import Light
@@ -14,8 +15,6 @@ from keycld_model.image_alignment.scene import STEP, Scene
 Array = NDArray[np.float64]
 READ_AGAIN = 40
 """Frames of a recording that are read again."""
-SMALL = 0.05
-"""Autocorrelation that is none."""
 APART = 1.0
 """Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least."""
 
@@ -58,21 +57,15 @@ def reading_error(
     return error[[pose.readable for pose in again]]
 
 
-def samples_together(errors: Sequence[Array]) -> Array:
-    """Number of samples `[nq]` over which errors `[T, nq]` of recordings are correlated, one if they are not.
-
-    So many samples tell no more than a single one: 1 + 2 (sum of the autocorrelations), up to the first that is small.
-    """
+def frames_together(errors: Sequence[Array]) -> Array:
+    """Number of frames `[nq]` over which errors `[T, nq]` of recordings are correlated; see `samples_together`."""
     own = [e - e.mean(axis=0) for e in errors if len(e) > 1]
-    total, out = sum((np.mean(e**2, axis=0) for e in own), np.zeros(errors[0].shape[1])), np.ones(errors[0].shape[1])
-    goes_on = np.ones(len(out), bool)
-    for lag in range(1, min((len(e) for e in own), default=0) // 2):
-        rho = sum(np.mean(e[lag:] * e[:-lag], axis=0) for e in own) / np.maximum(total, 1e-30)
-        goes_on &= rho >= SMALL
-        if not goes_on.any():
-            break
-        out += np.where(goes_on, 2 * rho, 0.0)
-    return out
+    if not own:
+        return np.ones(errors[0].shape[1])
+    return samples_together(
+        lambda lag: np.sum([np.mean(e[lag:] * e[: len(e) - lag], axis=0) for e in own], axis=0),
+        min(len(e) for e in own) // 2,
+    )
 
 
 def _nearest(q: Array, k: int, steps: Array) -> int:

@@ -15,7 +15,7 @@ from keycld_envs.recordings import Recording
 from keycld_envs.rendering import Quality
 from keycld_envs.workers import each
 from keycld_model.image_alignment.bank import Bank
-from keycld_model.image_alignment.calibration import reading_error, samples_together
+from keycld_model.image_alignment.calibration import frames_together, reading_error
 from keycld_model.image_alignment.films import Films, read_films
 from keycld_model.image_alignment.fit_look import SCHEDULE, Look, fit_look
 from keycld_model.image_alignment.follow import follow, turning
@@ -191,5 +191,5 @@ def _positions(
         camera,
         films.size,
         np.sqrt(np.mean(every**2, axis=0)) if len(every) else np.full(model.nq, np.nan),
-        samples_together(errors),
+        frames_together(errors),
     )

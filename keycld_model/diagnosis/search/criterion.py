@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_model.autocorrelation import samples_together
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.parameters import effect_parameters
 from keycld_model.diagnosis.estimation.replay import mean_square
@@ -66,13 +67,8 @@ def dispersion(fit: Fit) -> float:
     if left < fit.problem.criteria.noise_variance:
         return 1.0
     residual, n = fit.residual, fit.problem.windows.samples
-    together = 1.0
-    for lag in range(1, n // 2):
-        rho = float(np.sum(residual[:, lag:] * residual[:, :-lag]) / np.sum(residual**2)) * n / (n - lag)
-        if rho < 0.05:
-            break
-        together += 2 * rho
-    return max(1.0, left) * together
+    together = samples_together(lambda lag: np.mean(residual[:, lag:] * residual[:, : n - lag]), n // 2)
+    return max(1.0, left) * float(together)
 
 
 def above_noise(fit: Fit) -> NDArray[np.float64]:
