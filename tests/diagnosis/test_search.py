@@ -15,12 +15,14 @@ from keycld_envs.effects import (
     ActuatorLag,
     AsymmetricFriction,
     Backlash,
+    CoulombFriction,
     Effect,
     QuadraticDrag,
     SensorLatency,
     ViscousFriction,
 )
 from keycld_envs.systems import get_system
+from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
@@ -28,7 +30,7 @@ from keycld_model.diagnosis.estimation.pulses import contaminated
 from keycld_model.diagnosis.search.alternatives import everywhere_rivals, rivals_of
 from keycld_model.diagnosis.search.budget import Budget
 from keycld_model.diagnosis.search.criterion import Scored
-from keycld_model.diagnosis.search.explain import explain_either
+from keycld_model.diagnosis.search.explain import _with_effects_of, explain_either
 from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
@@ -165,3 +167,34 @@ def test_where_both_integrators_leave_but_noise_the_accurate_one_is_taken():
     assert own.excess < 0 and accurate.excess < 0 and own.problem.simulator.own_integrator
     explained = explain_either(accurate, own, lambda scored: None, Budget())
     assert not explained.refitted.problem.simulator.own_integrator and not explained.best.fit.effects
+
+
+def test_another_integrator_also_begins_without_what_clocks_have_made_up_for():
+    simulator = Simulator(KeyCLDEnv("pendulum", obs_type="state").model)
+    problem = problem_of(simulator, recordings("pendulum", 2, number=1, seconds=0.5))
+    point, friction, early = problem.start(), ViscousFriction("hinge", 0.1), SensorLatency(d=-0.01)
+
+    def begun(*effects: Effect) -> list[tuple[Effect, ...]]:
+        second = Fit(problem, point, 0.0, np.eye(0))
+        best = Fit(problem, point.with_effects(*effects), 0.0, np.eye(0))
+        return [tuple(start.variant.effects) for start in _with_effects_of(best, second)]
+
+    assert begun(friction) == [(friction,)]
+    assert begun(early, friction) == [(early, friction), (friction,)]
+
+
+@pytest.mark.long
+def test_a_simulation_with_steps_of_euler_lacks_its_friction_alone():
+    """With steps of an accurate integrator its sensor seemed to be half a step early, and friction doubtful."""
+    env = KeyCLDEnv("pendulum", obs_type="state", effects=[CoulombFriction("hinge", 1.68)])
+    form, rng, runs = recordings("pendulum", 0, number=1, seconds=0.5)[0], np.random.default_rng(1), []
+    t = 0.02 * np.arange(200)
+    for run in range(8):
+        env.reset(seed=run)
+        u = np.repeat(rng.uniform(-3, 3, (len(t) // 20, 1)), 20, axis=0)
+        q = np.array([env.step(a)[4]["qpos"] for a in u]) + rng.normal(0, 5e-4, (len(t), 1))
+        runs.append(replace(form, id=str(run), t_action=t - 0.02, action=u, t_state=t, qpos=q))
+    report = diagnose(runs, KeyCLDEnv("pendulum", obs_type="state").model)
+    (finding,) = report.findings
+    assert finding.effect == "coulomb_friction" and finding.confidence > 0.8
+    assert finding.parameters["c"].value == pytest.approx(1.68, rel=0.01)

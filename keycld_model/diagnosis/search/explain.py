@@ -1,6 +1,6 @@
 """What explains the training recordings: effects, pushes, or a residual force; with steps that are short enough."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -10,6 +10,7 @@ from keycld_envs.effects import Effect
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.linearisation import Linearisation
+from keycld_model.diagnosis.estimation.point import Point
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.estimation.pulses import concentrated, contaminated, price, with_best_pulses
 from keycld_model.diagnosis.estimation.replay import replay
@@ -100,8 +101,18 @@ def explain_either(accurate: Fit, own: Fit, refined: Refined, budget: Budget) ->
     best = explained.best.fit
     if best.point.variant.pulses or budget.leaves_out("the other integrator"):
         return explained
-    other = min(second.cost, minimise(second.problem, second.point.with_effects(*best.effects)).cost)
+    other = min(second.cost, *(minimise(second.problem, point).cost for point in _with_effects_of(best, second)))
     return explain(second, refined) if other < best.cost - 1 else explained
+
+
+def _with_effects_of(best: Fit, second: Fit) -> Iterator[Point]:
+    """Where another integrator may begin: with all effects, and with those that are not of a sensor's clock.
+
+    Euler's positions are half a step early, which with an accurate integrator is a sensor that is.
+    """
+    own = [effect for effect in best.effects if effect.kind != "sensor"]
+    for effects in (best.effects, own)[: 1 + (len(own) < len(best.effects))]:
+        yield second.point.with_effects(*effects)
 
 
 def explain(refitted: Fit, refined: Refined = lambda scored: None, effects: Sequence[Effect] = ()) -> Explanation:
