@@ -78,6 +78,7 @@ def learned_positions(recordings: Sequence[Recording], model: WorldModel, docume
         camera="front",
         size=model.image_shape,
         error=error,
+        errors=tuple(np.broadcast_to(error, q.shape) for q in read),
         together=np.ones(len(turns)),
     )
 

@@ -147,11 +147,15 @@ def _diagnosed(
         budget: seconds for the search.
     """
     seen = list(positions.recordings)
-    noise = positions.error * np.sqrt(positions.together)  # of samples that count as if they were independent
-    observation: Observation = JointPositions(model, tracked=True, criteria=criteria, floor=noise)
+    lasting = np.sqrt(positions.together)  # as if samples were independent
+    usual = np.concatenate(positions.errors) ** -2.0
+    typical = np.nanmean(np.where(np.concatenate(positions.readable)[:, None], usual, np.nan), axis=0) ** -0.5
+    observation: Observation = JointPositions(
+        model, tracked=True, criteria=criteria, floor=typical * lasting, typical=typical
+    )
     if encoders:
         seen = [joined(own, read) for own, read in zip(every, seen, strict=True)]
-        observation = EncodersAndCamera(model, noise, criteria=criteria)
+        observation = EncodersAndCamera(model, positions.error * lasting, criteria=criteria)
     parts = slice(training), slice(training, training + held_out), slice(training + held_out, None)
     now, test, before = (_mostly_seen(seen[part], positions.readable[part]) for part in parts)
     used = {r.id for r in (*now, *test, *before)}

@@ -1,9 +1,11 @@
 """The error of positions that were read off frames: frames are drawn at known positions and read again."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from keycld_model.autocorrelation import samples_together
 from keycld_model.image_alignment.bank import Bank
@@ -13,10 +15,25 @@ from keycld_model.image_alignment.pose import Pose
 from keycld_model.image_alignment.scene import STEP, Scene
 
 Array = NDArray[np.float64]
+EXACT = 0.2
+"""Share of the usual error that any frame has at least."""
 READ_AGAIN = 40
 """Frames of a recording that are read again."""
 APART = 1.0
 """Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least."""
+
+
+class ReadAgain(NamedTuple):
+    """What reading frames again that were drawn at known positions gave.
+
+    Attributes:
+        error: `[T, nq]` rad or m.
+        unexplained: `[T]` share of what moves that the drawing at the position that was read does not explain. Frames
+            that are read again have what two frames leave, so that these are scaled to what one leaves on average.
+    """
+
+    error: Array
+    unexplained: Array
 
 
 def reading_error(
@@ -27,8 +44,8 @@ def reading_error(
     frames: NDArray[np.uint8],
     poses: Sequence[Pose],
     bank: Bank,
-) -> Array:
-    """Errors of the joints in the first readable frames of a recording, `[T, nq]`, rad or m (a bootstrap of residuals).
+) -> ReadAgain:
+    """Errors in the first readable frames of a recording (a bootstrap of residuals).
 
     The positions that were read are drawn with the look and the light that were fitted, get what another frame shows
     beside its own drawing, and are read again. The other frame is the one whose positions are nearest, but for those
@@ -45,7 +62,7 @@ def reading_error(
     """
     known = [k for k, pose in enumerate(poses) if pose.readable]
     if not known:
-        return np.zeros((0, scene.model.nq))
+        return ReadAgain(np.zeros((0, scene.model.nq)), np.zeros(0))
     frames, part = frames[known], slice(0, READ_AGAIN)
     drawn = np.stack([light.apply(scene.render(poses[k].q, look)) for k in known])
     q = np.array([poses[k].q for k in known])
@@ -54,7 +71,48 @@ def reading_error(
     again = follow(scene, look, light, times[known][part], np.clip(np.round(shown), 0, 255).astype(np.uint8), bank)
     error = np.array([pose.q for pose in again]) - q[part]
     error -= np.median(error, axis=0)  # whole turns among them
-    return error[[pose.readable for pose in again]]
+    good = [pose.readable for pose in again]
+    left = np.array([1 - pose.explained for pose in again])
+    own = np.array([1 - poses[k].explained for k in known[part]])
+    return ReadAgain(error[good], (left * own.mean() / max(left.mean(), 1e-9))[good])
+
+
+class ErrorModel(NamedTuple):
+    """Variance of the error of a position: the more of a frame its drawing leaves unexplained, the larger.
+
+    Edges are drawn in a few shades, so that a drawing fits a frame exactly or not at all.
+
+    Attributes:
+        least: `[nq]` variance at least, (rad or m)^2.
+        level: `[nq]` of a frame that is explained altogether.
+        slope: `[nq]` per unexplained share.
+    """
+
+    least: Array
+    level: Array
+    slope: Array
+
+    @classmethod
+    def of(cls, errors: Array, unexplained: Array) -> "ErrorModel":
+        """The likeliest one of normal errors `[N, nq]` of frames with these unexplained shares `[N]`."""
+        usual = np.mean(errors**2, axis=0)
+        columns = np.stack([np.ones(len(unexplained)), unexplained], axis=1)
+        found = np.array([_likeliest(columns, e**2, u) for e, u in zip(errors.T, usual, strict=True)])
+        return cls(EXACT**2 * usual, found[:, 0], found[:, 1])
+
+    def deviation(self, unexplained: Array) -> Array:
+        """Standard deviations `[T, nq]`."""
+        return np.sqrt(np.maximum(self.least, self.level + self.slope * unexplained[:, None]))
+
+
+def _likeliest(columns: Array, squares: Array, usual: float) -> Array:
+    """Coefficients, not negative, of variances that are linear in columns `[N, k]`, of squared errors `[N]`."""
+    variance = np.full(len(squares), max(float(usual), 1e-30))
+    out = np.zeros(columns.shape[1])
+    for _ in range(20):
+        out, _ = nnls(columns / variance[:, None], squares / variance)
+        variance = np.maximum(columns @ out, EXACT**2 * usual)
+    return out
 
 
 def frames_together(errors: Sequence[Array]) -> Array:

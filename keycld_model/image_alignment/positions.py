@@ -15,7 +15,7 @@ from keycld_envs.recordings import Recording
 from keycld_envs.rendering import Quality
 from keycld_envs.workers import each
 from keycld_model.image_alignment.bank import Bank
-from keycld_model.image_alignment.calibration import frames_together, reading_error
+from keycld_model.image_alignment.calibration import ErrorModel, ReadAgain, frames_together, reading_error
 from keycld_model.image_alignment.films import Films, read_films
 from keycld_model.image_alignment.fit_look import SCHEDULE, Look, fit_look
 from keycld_model.image_alignment.follow import follow, turning
@@ -48,7 +48,8 @@ class Positions:
         camera: that looked.
         size: of the images that were aligned, (H, W).
         error: `[nq]` root mean square error of the positions, rad or m, from frames drawn at known positions.
-        together: `[nq]` number of frames over which that error is correlated, one if it is not.
+        errors: of each recording, `[T, nq]` standard deviations of each frame's error, from the same.
+        together: `[nq]` number of frames over which errors are correlated, one if they are not.
     """
 
     recordings: tuple[Recording, ...]
@@ -61,6 +62,7 @@ class Positions:
     camera: str
     size: tuple[int, int]
     error: Array
+    errors: tuple[Array, ...]
     together: Array
 
     @property
@@ -104,8 +106,8 @@ def read_positions(
             followed.append(poses)
             advance(len(poses))
         tested = [(jobs[r], followed[r]) for r in _spread(followed)]
-        errors = list(each(reader.error, tested, min(workers, len(tested))))
-    return _positions(recordings, model, films, followed, look, parameters, name, errors)
+        again = list(each(reader.error, tested, min(workers, len(tested))))
+    return _positions(recordings, model, films, followed, look, parameters, name, again)
 
 
 def _spread(followed: Sequence[Sequence[Pose]]) -> NDArray[np.intp]:
@@ -130,7 +132,7 @@ class _Reader:
         with self._scene(job) as scene:
             return follow(scene, self.look, *job, self.bank)
 
-    def error(self, read: tuple[Job, Sequence[Pose]]) -> Array:
+    def error(self, read: tuple[Job, Sequence[Pose]]) -> ReadAgain:
         """Of positions that were read, see `reading_error`."""
         job, poses = read
         with self._scene(job) as scene:
@@ -161,7 +163,7 @@ def _positions(
     look: Look,
     parameters: tuple[LookParameter, ...],
     camera: str,
-    errors: Sequence[Array],
+    again: Sequence[ReadAgain],
 ) -> Positions:
     """As recordings of joint positions."""
     explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
@@ -170,15 +172,20 @@ def _positions(
         np.where(good[:, None], [pose.q for pose in poses], np.nan)
         for poses, good in zip(followed, readable, strict=True)
     ]
+    every = np.concatenate([part.error for part in again])
+    unknown = np.full(model.nq, np.nan)
+    found = ErrorModel.of(every, np.concatenate([part.unexplained for part in again])) if len(every) else None
+    errors = tuple(np.tile(unknown, (len(e), 1)) if found is None else found.deviation(1 - e) for e in explained)
+    same_turns = on_common_turns(read, turning(model))
     out = []
-    for recording, times, q in zip(recordings, films.times, on_common_turns(read, turning(model)), strict=True):
+    for recording, times, q, error in zip(recordings, films.times, same_turns, errors, strict=True):
         units = tuple("m" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for kind in model.jnt_type)
         own = {key: unit for key, unit in recording.units.items() if key != "qvel"}
         names = tuple(model.joint(j).name for j in range(model.njnt))
+        changed = {"joint_names": names, "t_state": times, "qpos": q, "qvel": None, "units": {**own, "qpos": units}}
         out.append(
-            replace(recording, joint_names=names, t_state=times, qpos=q, qvel=None, units={**own, "qpos": units})
+            replace(recording, **changed, qpos_std=None if found is None else np.where(np.isfinite(q), error, np.nan))
         )
-    every = np.concatenate(errors)
     deviation = tuple(np.sqrt([np.diag(pose.covariance) for pose in poses]) for poses in followed)
     return Positions(
         tuple(out),
@@ -190,6 +197,9 @@ def _positions(
         look.deviation,
         camera,
         films.size,
-        np.sqrt(np.mean(every**2, axis=0)) if len(every) else np.full(model.nq, np.nan),
-        frames_together(errors),
+        np.sqrt(np.mean(every**2, axis=0)) if len(every) else unknown,
+        errors,
+        frames_together(
+            [part.error if found is None else part.error / found.deviation(part.unexplained) for part in again]
+        ),
     )

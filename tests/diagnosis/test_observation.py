@@ -42,6 +42,9 @@ class TipPosition:
         pixels = np.random.default_rng(zlib.crc32(recording.id.encode())).normal(0, 2e-3, (len(angle), 2))
         return np.stack([1.01 * np.sin(angle), np.cos(angle)], axis=-1) + pixels
 
+    def weights(self, recording: Recording) -> None:
+        """All samples are alike."""
+
     def positions(self, measured: np.ndarray) -> np.ndarray:
         return np.pi + np.arctan2(-measured[..., :1], -measured[..., 1:])
 

@@ -29,6 +29,7 @@ class Windows:
         start: `[W]` time of that step, s.
         time: `[W, n]` times of the samples, s.
         measured: `[W, n, m]` what the sensor showed; NaN where missing.
+        weight: `[W, n, m]` noise of the channel over that of the sample.
         steps: S.
     """
 
@@ -42,6 +43,7 @@ class Windows:
     start: Array
     time: Array
     measured: Array
+    weight: Array
     steps: int
 
     def __len__(self) -> int:
@@ -73,7 +75,7 @@ class Windows:
 
     def take(self, index: NDArray[np.int64]) -> "Windows":
         """Some of the windows."""
-        per_window = ("recording", "first", "start", "time", "measured")
+        per_window = ("recording", "first", "start", "time", "measured", "weight")
         return replace(self, **{name: getattr(self, name)[index] for name in per_window})
 
     def evenly(self, number: int) -> NDArray[np.int64]:
@@ -96,7 +98,8 @@ class Windows:
         """Each window cut into a number of parts."""
         samples = self.samples // parts
         pieces = [slice(k * samples, (k + 1) * samples) for k in range(parts)]
-        time, measured = (np.concatenate([x[:, p] for p in pieces]) for x in (self.time, self.measured))
+        cut_up = (self.time, self.measured, self.weight)
+        time, measured, weight = (np.concatenate([x[:, p] for p in pieces]) for x in cut_up)
         recording, first, start = (np.tile(x, parts) for x in (self.recording, self.first, self.start))
         skipped = _steps_before(time[:, 0] - start, self.step)
         start = start + skipped * self.step
@@ -107,6 +110,7 @@ class Windows:
             start=start,
             time=time,
             measured=measured,
+            weight=weight,
             steps=_steps_over(time, start, self.step),
         )
         return whole.take(np.flatnonzero(_enough(measured)))
@@ -137,7 +141,12 @@ def cut(recordings: Sequence[Recording], observation: Observation, step: float, 
     """
     commands, speeds, rows = [], [], []
     for index, recording in enumerate(recordings):
-        t, measured = np.asarray(recording.t_state), observation.measured(recording)
+        t, measured, weight = (
+            np.asarray(recording.t_state),
+            observation.measured(recording),
+            observation.weights(recording),
+        )
+        weight = np.ones(measured.shape) if weight is None else weight
         origin = t[0]
         grid = int(np.ceil((t[-1] - origin) / step)) + 2
         edges = origin + step * np.arange(grid + 1)
@@ -148,7 +157,7 @@ def cut(recordings: Sequence[Recording], observation: Observation, step: float, 
             first = _steps_before(t[i] - origin, step)
             piece = slice(i, i + samples)
             if _enough(measured[piece]) and t[i + samples - 1] - t[i] < longest:
-                rows.append((index, first, origin + first * step, t[piece], measured[piece]))
+                rows.append((index, first, origin + first * step, t[piece], measured[piece], weight[piece]))
     if not rows:
         names = ", ".join(repr(recording.id) for recording in recordings)
         raise InputError(
@@ -156,7 +165,7 @@ def cut(recordings: Sequence[Recording], observation: Observation, step: float, 
             "for longer."
         )
     columns = (np.array(column) for column in zip(*rows, strict=True))
-    recording, first, start, time, shown = columns
+    recording, first, start, time, shown, weights = columns
     steps = _steps_over(time, start, step)
     return Windows(
         tuple(recordings),
@@ -169,6 +178,7 @@ def cut(recordings: Sequence[Recording], observation: Observation, step: float, 
         start,
         time,
         shown,
+        weights,
         steps,
     )
 

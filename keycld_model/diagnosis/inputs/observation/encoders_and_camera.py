@@ -74,6 +74,9 @@ class EncodersAndCamera:
         """Positions by encoders and by the camera, rad or m."""
         return np.asarray(recording.qpos, np.float64)
 
+    def weights(self, recording: Recording) -> None:
+        """All alike."""
+
     def positions(self, measured: Array) -> Array:
         """By the encoders; where they miss a sample, by the camera."""
         encoders, camera = measured[..., : self._joints], measured[..., self._joints :]

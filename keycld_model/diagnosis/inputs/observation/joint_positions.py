@@ -35,6 +35,7 @@ class JointPositions:
         tracked: bool = False,
         criteria: Criteria = STANDARD,
         floor: Array | None = None,
+        typical: Array | None = None,
     ) -> None:
         """Of all joints of a model.
 
@@ -45,8 +46,10 @@ class JointPositions:
             criteria: how far off sensors may be.
             floor: `[nv]` noise that there is at least, rad or m: what is known of errors that do not scatter from
                 sample to sample.
+            typical: `[nv]` standard deviation, rad or m, of samples that weigh one; others by their own (`qpos_std` of
+                recordings). None where all weigh the same.
         """
-        self._floor = floor
+        self._floor, self._typical = floor, typical
         self._model, self._tracked, self._criteria = model, tracked, criteria
         self._hinges = [bool(kind == mujoco.mjtJoint.mjJNT_HINGE) for kind in model.jnt_type]
         self.names = tuple(model.joint(j).name for j in range(model.njnt))
@@ -75,9 +78,10 @@ class JointPositions:
             InputError: if a joint has too few samples for that.
         """
         times = [np.asarray(recording.t_state) for recording in recordings]
-        noise = estimate_noise(times, [self.measured(recording) for recording in recordings])
+        measured = [self.measured(recording) for recording in recordings]
+        noise = estimate_noise(times, measured, [self.weights(recording) for recording in recordings])
         noise = noise if self._floor is None else np.maximum(noise, self._floor)
-        return JointPositions(self._model, noise, self._tracked, self._criteria, self._floor)
+        return JointPositions(self._model, noise, self._tracked, self._criteria, self._floor, self._typical)
 
     def check(self, recording: Recording) -> None:
         """Positions of these joints, in rad or m, with few samples missing and no turn left out."""
@@ -86,6 +90,12 @@ class JointPositions:
     def measured(self, recording: Recording) -> Array:
         """Positions, rad or m."""
         return np.asarray(recording.qpos, np.float64)
+
+    def weights(self, recording: Recording) -> Array | None:
+        """By how well each sample is known, where recordings say so and it is minded."""
+        if self._typical is None or recording.qpos_std is None:
+            return None
+        return self._typical / np.asarray(recording.qpos_std, np.float64)
 
     def positions(self, measured: Array) -> Array:
         """What was measured."""

@@ -54,6 +54,10 @@ class Observation(Protocol):
         """What the sensor showed at `recording.t_state`, `[N, m]`; NaN where samples are missing."""
         ...
 
+    def weights(self, recording: Recording) -> Array | None:
+        """Noise of each channel over that of each sample, `[N, m]`; None where all samples are alike."""
+        ...
+
     def positions(self, measured: Array) -> Array:
         """Joint positions `[..., nv]`, rad or m, as far as measurements `[..., m]` tell them."""
         ...
