@@ -36,7 +36,7 @@ def score(out: Path, partial: bool = False) -> dict[str, Any]:
     if not methods:
         raise InputError(f"{out} has no reports; run `keycld blind run {out}` first.")
     methods.sort(key=lambda m: (m != "diagnose", m))
-    required = REQUIRED[manifest["observe"]]
+    required = REQUIRED[manifest.get("observe", "states")]
     scored = {method: _score(_results(out, method, answers, partial), required) for method in methods}
     result = {"manifest": manifest, "methods": scored}
     with atomic_file(out / "score.md", "w") as file:
