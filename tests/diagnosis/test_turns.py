@@ -50,7 +50,8 @@ def test_frames_that_tell_nothing_are_passed_over():
 def test_a_camera_beside_encoders_counts_turns_as_they_do():
     (run,) = recordings("pendulum", 1, number=1, seconds=2.0)
     assert run.qpos is not None
-    camera = replace(run, qpos=run.qpos - 4 * np.pi, units={**run.units, "qpos": ("rad",)})
-    both = joined(run, camera).qpos
-    assert both is not None
-    assert both[:, 1] == pytest.approx(both[:, 0])
+    own = np.full(run.qpos.shape, 1e-3)
+    camera = replace(run, qpos=run.qpos - 4 * np.pi, qpos_std=own, units={**run.units, "qpos": ("rad",)})
+    both = joined(run, camera)
+    assert both.qpos is not None and both.qpos_std is None
+    assert both.qpos[:, 1] == pytest.approx(both.qpos[:, 0])

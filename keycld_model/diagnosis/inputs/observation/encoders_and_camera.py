@@ -123,6 +123,7 @@ def joined(encoders: Recording, camera: Recording) -> Recording:
         units={**camera.units, "qpos": (*unit, *unit)},
         t_state=both,
         qpos=np.concatenate([known, seen], axis=1),
+        qpos_std=None,
     )
 
 
