@@ -36,8 +36,8 @@ TRUSTED = 0.5
 UNCERTAIN = 0.25
 """Pixels; where a link is hidden, leaves the image or points at the camera, its joint is not known better, and
 positions are missing, too."""
-IN_VIEW = 0.25
-"""Share of a link's length; with less inside the image, its stub fits other angles as well."""
+IN_VIEW = 0.5
+"""Share of a link's length; with less inside the image, its angle is told far worse than by other frames."""
 SATURATED = 50.0
 """Grey levels; a pixel that is off by more is elsewhere altogether, and counts as if by so many."""
 

@@ -51,4 +51,7 @@ def test_samples_weigh_by_their_own_errors():
     windows = cut([seen], known, 0.01, 40)
     assert set(np.unique(windows.weight)) == {0.25, 2.0}
     assert np.array_equal(windows.shorter(2).take(np.array([0])).weight, windows.weight[:1, :20])
+    missing = np.where(rng.random(shape) < 0.1, np.nan, 1.0)
+    gaps = cut([replace(seen, qpos=seen.qpos * missing, qpos_std=own * missing)], known, 0.01, 40)
+    assert np.isfinite(gaps.weight).all() and np.isnan(gaps.measured).any()
     assert (cut([seen], JointPositions(model, np.array([1e-3])), 0.01, 40).weight == 1).all()

@@ -95,7 +95,8 @@ class JointPositions:
         """By how well each sample is known, where recordings say so and it is minded."""
         if self._typical is None or recording.qpos_std is None:
             return None
-        return self._typical / np.asarray(recording.qpos_std, np.float64)
+        own = np.asarray(recording.qpos_std, np.float64)
+        return np.where(np.isfinite(own), self._typical / own, 1.0)  # missing samples count nowhere
 
     def positions(self, measured: Array) -> Array:
         """What was measured."""
