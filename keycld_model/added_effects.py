@@ -252,7 +252,12 @@ def learned_power(system: System, points: PointMasses, input_matrix: Callable[[A
     Raises:
         InputError: if the model's motors are not the system's.
     """
-    declared, learned = (powers.ravel() for powers in _powers(system, points, input_matrix))
+    return _of_all_motors(system, *_powers(system, points, input_matrix))
+
+
+def _of_all_motors(system: System, declared: Floats, learned: Floats) -> float:
+    """Learned power per W of motors with powers `[P, m]` as declared and as learned."""
+    declared, learned = declared.ravel(), learned.ravel()
     scale = float(declared @ learned / (declared @ declared))
     off = np.sqrt(np.mean((learned - scale * declared) ** 2) / np.mean(learned**2))
     if not off < UNLIKE or scale <= 0:
@@ -269,8 +274,8 @@ def power_of_joints(system: System, points: PointMasses, input_matrix: Callable[
     The masses of a light link are learned less well than how its own motor moves it, and what is missing at a joint is
     told from that motion. Arguments and errors as in `learned_power`.
     """
-    usual, per_command = learned_power(system, points, input_matrix), torque_per_command(system.compile())
     declared, learned = _powers(system, points, input_matrix)
+    usual, per_command = _of_all_motors(system, declared, learned), torque_per_command(system.compile())
     own = np.sum(declared * learned, axis=0) / np.maximum(np.sum(declared**2, axis=0), 1e-12)
     works = np.abs(per_command) > 0
     alone = works & (works.sum(axis=0) == 1) & (works.sum(axis=1, keepdims=True) == 1) & (own > 0)

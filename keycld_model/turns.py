@@ -34,5 +34,10 @@ def on_turns_of(there: Array, q: Array, turns: NDArray[np.bool_]) -> Array:
     both = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(there).all(axis=1))
     if not len(both):
         return q
-    off = q[both[0]] - np.broadcast_to(there, q.shape)[both[0]]
-    return q - np.where(turns, TURN * np.round(off / TURN), 0.0)
+    first = both[0]
+    return q + (nearest_turn(q[first], np.broadcast_to(there, q.shape)[first], turns) - q[first])
+
+
+def nearest_turn(q: Array, there: Array, turns: NDArray[np.bool_]) -> Array:
+    """Positions `[nq]`, moved by whole turns to where they are nearest to others `[nq]`."""
+    return np.where(turns, q - TURN * np.round((q - there) / TURN), q)

@@ -83,26 +83,29 @@ class ErrorModel(NamedTuple):
     Edges are drawn in a few shades, so that a drawing fits a frame exactly or not at all.
 
     Attributes:
-        least: `[nq]` variance at least, (rad or m)^2.
+        usual: `[nq]` mean, (rad or m)^2; NaN if there are no errors to tell it from.
         level: `[nq]` of a frame that is explained altogether.
         slope: `[nq]` per unexplained share.
     """
 
-    least: Array
+    usual: Array
     level: Array
     slope: Array
 
     @classmethod
     def of(cls, errors: Array, unexplained: Array) -> "ErrorModel":
         """The likeliest one of normal errors `[N, nq]` of frames with these unexplained shares `[N]`."""
+        if not len(errors):
+            unknown = np.full(errors.shape[1], np.nan)
+            return cls(unknown, unknown, unknown)
         usual = np.mean(errors**2, axis=0)
         columns = np.stack([np.ones(len(unexplained)), unexplained], axis=1)
         found = np.array([_likeliest(columns, e**2, u) for e, u in zip(errors.T, usual, strict=True)])
-        return cls(EXACT**2 * usual, found[:, 0], found[:, 1])
+        return cls(usual, found[:, 0], found[:, 1])
 
     def deviation(self, unexplained: Array) -> Array:
         """Standard deviations `[T, nq]`."""
-        return np.sqrt(np.maximum(self.least, self.level + self.slope * unexplained[:, None]))
+        return np.sqrt(np.maximum(EXACT**2 * self.usual, self.level + self.slope * unexplained[:, None]))
 
 
 def _likeliest(columns: Array, squares: Array, usual: float) -> Array:

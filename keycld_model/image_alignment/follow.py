@@ -12,6 +12,7 @@ from keycld_model.image_alignment.fit_look import UNSEEN, find_pose
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.pose import Pose, align
 from keycld_model.image_alignment.scene import Scene
+from keycld_model.turns import nearest_turn
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -51,8 +52,7 @@ def follow(
             other = find_pose(scene, look, light, frame, bank, still)
             pose = other if pose is None or other.explained > pose.explained + 0.02 else pose
         near = guess if guess is not None else np.zeros_like(pose.q)
-        q = np.where(turn, pose.q - 2 * np.pi * np.round((pose.q - near) / (2 * np.pi)), pose.q)
-        poses.append(replace(pose, q=q))
+        poses.append(replace(pose, q=nearest_turn(pose.q, near, turn)))
         misfits.append(pose.misfit)
     return poses
 

@@ -172,10 +172,8 @@ def _positions(
         np.where(good[:, None], [pose.q for pose in poses], np.nan)
         for poses, good in zip(followed, readable, strict=True)
     ]
-    every = np.concatenate([part.error for part in again])
-    unknown = np.full(model.nq, np.nan)
-    found = ErrorModel.of(every, np.concatenate([part.unexplained for part in again])) if len(every) else None
-    errors = tuple(np.tile(unknown, (len(e), 1)) if found is None else found.deviation(1 - e) for e in explained)
+    found = ErrorModel.of(*(np.concatenate(part) for part in zip(*again, strict=True)))
+    errors = tuple(found.deviation(1 - e) for e in explained)
     same_turns = on_common_turns(read, turning(model))
     out = []
     for recording, times, q, error in zip(recordings, films.times, same_turns, errors, strict=True):
@@ -183,9 +181,7 @@ def _positions(
         own = {key: unit for key, unit in recording.units.items() if key != "qvel"}
         names = tuple(model.joint(j).name for j in range(model.njnt))
         changed = {"joint_names": names, "t_state": times, "qpos": q, "qvel": None, "units": {**own, "qpos": units}}
-        out.append(
-            replace(recording, **changed, qpos_std=None if found is None else np.where(np.isfinite(q), error, np.nan))
-        )
+        out.append(replace(recording, **changed, qpos_std=np.where(np.isfinite(q), error, np.nan)))
     deviation = tuple(np.sqrt([np.diag(pose.covariance) for pose in poses]) for poses in followed)
     return Positions(
         tuple(out),
@@ -197,9 +193,7 @@ def _positions(
         look.deviation,
         camera,
         films.size,
-        np.sqrt(np.mean(every**2, axis=0)) if len(every) else unknown,
+        np.sqrt(found.usual),
         errors,
-        frames_together(
-            [part.error if found is None else part.error / found.deviation(part.unexplained) for part in again]
-        ),
+        frames_together([part.error / found.deviation(part.unexplained) for part in again]),
     )

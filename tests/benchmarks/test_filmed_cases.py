@@ -59,7 +59,7 @@ def test_frames_tell_positions_the_better_the_less_is_between():
     ]
     positions, rng = np.linspace(0, 6, 8)[:, None], np.random.default_rng(0)
     with Studio("pendulum", ParameterErrors({}, {})) as studio:
-        clean, noisy, compressed = (float(studio.precision(positions, film, rng)[0]) for film in films)
+        clean, noisy, compressed = (float(studio.reading_deviation(positions, film, rng)[0]) for film in films)
     assert clean == pytest.approx(0.03 / 15, rel=0.15)
     assert clean < noisy < compressed < 0.01
 
@@ -68,7 +68,7 @@ def test_frames_tell_positions_the_better_the_less_is_between():
 def test_what_is_out_of_view_is_not_known():
     film = replace(Film.draw(np.random.default_rng(1)), right=0.0)
     with Studio("cartpole", ParameterErrors({}, {})) as studio:
-        away = studio.precision(np.array([[20.0, 0.0]] * 3), film, np.random.default_rng(0))
+        away = studio.reading_deviation(np.array([[20.0, 0.0]] * 3), film, np.random.default_rng(0))
     assert (away == UNSEEN).all()
 
 

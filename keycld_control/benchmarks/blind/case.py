@@ -139,12 +139,12 @@ class SealedCase:
         return None
 
 
-def precision(case: SealedCase, signals: Sequence[Signals], studio: Studio) -> Array:
-    """Least standard deviations `[nv]` of positions that frames allow, rad or m; see `Studio.precision`."""
+def reading_deviation(case: SealedCase, signals: Sequence[Signals], studio: Studio) -> Array:
+    """Least standard deviations `[nv]` of positions that frames allow, rad or m; see `Studio.reading_deviation`."""
     assert case.film is not None
     positions = np.concatenate([s.true for s in signals])
     some = np.linspace(0, len(positions) - 1, FRAMES).round().astype(int)
-    return studio.precision(positions[some], case.film, np.random.default_rng([*case.entropy, len(STREAMS)]))
+    return studio.reading_deviation(positions[some], case.film, np.random.default_rng([*case.entropy, len(STREAMS)]))
 
 
 def draw_case(plan: Plan, entropy: Sequence[int], filmed: bool = False) -> tuple[SealedCase, list[Signals]]:

@@ -95,7 +95,7 @@ class Studio:
             out.append(film.develop(self._renderer.render(self._data, self._camera, film.view), rng))
         return np.stack(out)
 
-    def precision(self, positions: Array, film: Film, rng: np.random.Generator) -> Array:
+    def reading_deviation(self, positions: Array, film: Film, rng: np.random.Generator) -> Array:
         """Standard deviations `[nv]` of joint positions that are read off single frames as well as can be, rad or m.
 
         Two errors, which add as squares. What noise and compression do: the bound of Cramér and Rao for a camera that

@@ -18,7 +18,7 @@ from keycld_control.benchmarks.blind.case import (
     SealedCase,
     Signals,
     draw_case,
-    precision,
+    reading_deviation,
     recording,
 )
 from keycld_control.benchmarks.blind.film import Studio
@@ -124,7 +124,7 @@ def _make(out: Path, settings: Settings, index: int) -> None:
     case, signals = draw_case(settings.plans[index], (settings.seed, 1, index), filmed)
     folder = _folder(out, index)
     with Studio(case.plan.system, case.errors) if filmed else nullcontext() as studio:
-        noise = case.noise if studio is None else precision(case, signals[:TRAINING], studio)
+        noise = case.noise if studio is None else reading_deviation(case, signals[:TRAINING], studio)
         with atomic_file(_sealed(out, index), "w") as file:
             json.dump(answer(case, signals, index, noise), file)
         shutil.rmtree(folder, ignore_errors=True)

@@ -57,7 +57,7 @@ class Problem:
         return self.windows.observation.noise
 
     @cached_property
-    def precision(self) -> Array:
+    def inverse_noise(self) -> Array:
         """`[W, n, m]` one over the standard deviation of each sample."""
         return self.windows.weight / self.noise
 
@@ -103,7 +103,7 @@ class Problem:
     def whiten(self, predicted: Array) -> Array:
         """Residuals `[..., W, r]` over noise, of predictions `[..., W, n, m]`."""
         diverged = 1e5  # standard deviations that a rollout which diverges is off, and any other at most
-        deviation = (self.windows.measured - predicted) * self.precision
+        deviation = (self.windows.measured - predicted) * self.inverse_noise
         deviation = np.where(np.isfinite(predicted), deviation, diverged)
         deviation = np.where(np.isfinite(self.windows.measured), deviation, 0.0)
         return np.clip(deviation, -diverged, diverged).reshape(*predicted.shape[:-2], -1)
@@ -189,7 +189,7 @@ class Problem:
         measured = np.isfinite(self.windows.measured)
         for i in range(len(self.nuisances)):
             if (derivative := self._constant_derivative(i)) is not None:
-                shared[..., i] = np.where(measured, derivative * self.precision, 0.0).reshape(len(shared), -1)
+                shared[..., i] = np.where(measured, derivative * self.inverse_noise, 0.0).reshape(len(shared), -1)
 
     def linearise_states(self, point: Point) -> tuple[Array, Array]:
         """Residuals `[W, r]`, and minus their derivative to initial states and offsets, `[W, r, 2 nv + J]`."""

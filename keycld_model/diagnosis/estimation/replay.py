@@ -45,7 +45,7 @@ def predicted(fit: Fit) -> float:
 
 def rollout_error(fit: Fit) -> float:
     """Root mean square error, in the units of the channels."""
-    squares = (fit.residual / fit.problem.precision) ** 2
+    squares = (fit.residual / fit.problem.inverse_noise) ** 2
     return float(np.sqrt(squares.sum() / np.isfinite(fit.problem.windows.measured).sum()))
 
 

@@ -110,9 +110,10 @@ def _with_effects_of(best: Fit, second: Fit) -> Iterator[Point]:
 
     Euler's positions are half a step early, which with an accurate integrator is a sensor that is.
     """
+    yield second.point.with_effects(*best.effects)
     own = [effect for effect in best.effects if effect.kind != "sensor"]
-    for effects in (best.effects, own)[: 1 + (len(own) < len(best.effects))]:
-        yield second.point.with_effects(*effects)
+    if len(own) < len(best.effects):
+        yield second.point.with_effects(*own)
 
 
 def explain(refitted: Fit, refined: Refined = lambda scored: None, effects: Sequence[Effect] = ()) -> Explanation:

@@ -112,8 +112,8 @@ def _simulated(
 ) -> tuple[Linearisation, Array]:
     """Columns per probe, from rollouts with so little of each effect that it is nearly linear."""
     linear, residuals = fit.problem.linearise(fit.point, [(*fit.effects, probe) for *_, probe in probes])
-    precision = fit.problem.precision.reshape(linear.residual.shape)
-    moved = np.max(np.sqrt(np.mean(((residuals - linear.residual) / precision) ** 2, axis=2)), axis=1)
+    inverse_noise = fit.problem.inverse_noise.reshape(linear.residual.shape)
+    moved = np.max(np.sqrt(np.mean(((residuals - linear.residual) / inverse_noise) ** 2, axis=2)), axis=1)
     nearly_linear = 0.03  # change of a channel, root mean square over a window, rad or m
     amounts = np.clip(nearly_linear / np.maximum(moved, 1e-12), 1e-4, 1.0)
     again = [c for c, (h, _, _) in enumerate(probes) if amounts[c] < 1 and free[h].coefficients]

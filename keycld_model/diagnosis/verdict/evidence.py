@@ -169,8 +169,8 @@ def _rollouts(fits: tuple[Fit, Fit]) -> list[Rollout]:
 
 
 def _residuals(fits: tuple[Fit, Fit]) -> list[Residuals]:
-    pieces, precision = fits[0].problem.windows, fits[0].problem.precision
-    before, after = ((pieces.measured - fit.problem.predicted(fit.point)) * precision for fit in fits)
+    pieces, inverse_noise = fits[0].problem.windows, fits[0].problem.inverse_noise
+    before, after = ((pieces.measured - fit.problem.predicted(fit.point)) * inverse_noise for fit in fits)
     return [
         Residuals(
             recording=pieces.ids[r],
