@@ -30,10 +30,12 @@ class ReadAgain(NamedTuple):
         error: `[T, nq]` rad or m.
         unexplained: `[T]` share of what moves that the drawing at the position that was read does not explain. Frames
             that are read again have what two frames leave, so that these are scaled to what one leaves on average.
+        pixels: `[T]` how far what is seen is off, by the worst joint.
     """
 
     error: Array
     unexplained: Array
+    pixels: Array
 
 
 def reading_error(
@@ -62,19 +64,21 @@ def reading_error(
     """
     known = [k for k, pose in enumerate(poses) if pose.readable]
     if not known:
-        return ReadAgain(np.zeros((0, scene.model.nq)), np.zeros(0))
+        return ReadAgain(np.zeros((0, scene.model.nq)), np.zeros(0), np.zeros(0))
     frames, part = frames[known], slice(0, READ_AGAIN)
     drawn = np.stack([light.apply(scene.render(poses[k].q, look)) for k in known])
     q = np.array([poses[k].q for k in known])
-    others = [_nearest(q, k, scene.joint_steps(q[k], look)) for k in range(len(q[part]))]
+    steps = np.array([scene.joint_steps(at, look) for at in q[part]])
+    others = [_nearest(q, k, own) for k, own in enumerate(steps)]
     shown = drawn[part] + frames[others] - drawn[others]
     again = follow(scene, look, light, times[known][part], np.clip(np.round(shown), 0, 255).astype(np.uint8), bank)
     error = np.array([pose.q for pose in again]) - q[part]
     error -= np.median(error, axis=0)  # whole turns among them
+    pixels = STEP * np.abs(error / steps).max(axis=1)
     good = [pose.readable for pose in again]
     left = np.array([1 - pose.explained for pose in again])
     own = np.array([1 - poses[k].explained for k in known[part]])
-    return ReadAgain(error[good], (left * own.mean() / max(left.mean(), 1e-9))[good])
+    return ReadAgain(error[good], (left * own.mean() / max(left.mean(), 1e-9))[good], pixels[good])
 
 
 class ErrorModel(NamedTuple):

@@ -13,18 +13,25 @@ from keycld_model.image_alignment.scene import Scene, softened
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
-SCHEDULE = (3.0, 3.0, 2.0, 1.0, 1.0, 0.5, 0.5, 0.0, 0.0, 0.0)
-"""Pixels by which images are softened in the steps of Gauss-Newton on the look, one after the other."""
-BLUR_FROM = 0.5
-"""Pixels of softness from which on blur is fitted, too; before, it would stand for edges that are not yet in place."""
+COARSE = (3.0, 3.0, 2.0, 1.0, 1.0)
+"""Pixels by which images are softened in the first steps of Gauss-Newton on the look. Blur is not fitted yet: it would
+stand for edges that are not yet in place."""
+SHARP = (0.5, 0.5, 0.0, 0.0, 0.0)
+"""And in the last ones, on the look and blur."""
+STEPS = len(COARSE) + len(SHARP)
+"""Steps, unless some poses turn out to have been wrong."""
+ROUNDS = 3
+"""Times that the last steps are gone at most: again where poses were wrong."""
+FEW = 0.1
+"""Share of the frames whose poses may have been wrong, because they show little."""
+WRONG = 0.1
+"""Share of a frame's motion that another pose explains more: the first was wrong, and so may be the look."""
 LONGEST = 2.0
 """Standard deviations expected of a parameter that a step changes it by at most."""
 TRIED = 4
 """Positions of the bank from which a pose without a predecessor is fitted."""
 UNSEEN = 0.3
 """Frames of whose motion a pose explains a smaller share tell nothing of the look."""
-SURE = 0.8
-"""Share of a frame's motion that a pose in a look that nearly fits explains."""
 
 
 @dataclass(frozen=True)
@@ -86,26 +93,35 @@ def fit_look(
         Sample(r, f, find_pose(scene, values, lights[r], f, bank, lights[r].apply(bank.still))) for r, f in frames
     ]
     normal = np.diag(1 / spread**2)
-    for k, soft in enumerate(SCHEDULE):
-        if soft <= BLUR_FROM < SCHEDULE[k - 1]:  # what was taken for a pose in another look may be none
-            samples = [_again(scene, values, lights, s, bank) for s in samples]
-        lights = _lights(scene, values, _seen(samples), lights)
-        parts = [_Linear.of(scene, values, lights[s.recording], s, soft) for s in samples]
-        seen = [part for part, s in zip(parts, samples, strict=True) if s.pose.explained > UNSEEN] or parts
-        normal = np.diag(1 / spread**2) + sum(part.normal for part in seen)
-        gradient = sum(part.gradient for part in seen) - (values - scene.nominal) / spread**2
-        free = slice(None) if soft <= BLUR_FROM else slice(-1)
-        step = np.zeros(len(values))
-        step[free] = np.linalg.solve(normal[free, free], gradient[free])
-        step *= min(1.0, LONGEST / float(np.abs(step / spread).max()))
-        step[-1] = max(step[-1], -values[-1])
-        values = values + step
-        samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
-        if advance is not None:
-            advance()
-    samples = [_again(scene, values, lights, s, bank) for s in samples]
+    for turn, schedule in enumerate((COARSE, *[SHARP] * ROUNDS)):
+        for soft in schedule:
+            lights = _lights(scene, values, _seen(samples), lights)
+            parts = [_Linear.of(scene, values, lights[s.recording], s, soft) for s in samples]
+            seen = [part for part, s in zip(parts, samples, strict=True) if s.pose.explained > UNSEEN] or parts
+            normal = np.diag(1 / spread**2) + sum(part.normal for part in seen)
+            gradient = sum(part.gradient for part in seen) - (values - scene.nominal) / spread**2
+            free = np.flatnonzero(_free(scene, samples, schedule is SHARP))
+            step = np.zeros(len(values))
+            step[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
+            step *= min(1.0, LONGEST / float(np.abs(step / spread).max()))
+            step[-1] = max(step[-1], -values[-1])
+            values = values + step
+            samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
+            if advance is not None and turn < 2:
+                advance()
+        samples, moved = _again(scene, values, lights, samples)
+        if turn and moved <= FEW:
+            break
     lights = _lights(scene, values, _seen(samples), lights)
     return Look(values, np.sqrt(np.diag(np.linalg.inv(normal))), tuple(lights))
+
+
+def _free(scene: Scene, samples: Sequence[Sample], blur: bool) -> NDArray[np.bool_]:
+    """Which parameters `[p]` a step changes; links that no pose explains yet would shrink until they do not disturb."""
+    seen = any(s.pose.explained > UNSEEN for s in samples)
+    free = np.array([seen or parameter.body is None for parameter in scene.parameters])
+    free[-1] = blur
+    return free
 
 
 def _seen(samples: Sequence[Sample]) -> Sequence[Sample]:
@@ -118,15 +134,26 @@ def _moved(sample: Sample, part: "_Linear", step: Array) -> Sample:
     return replace(sample, pose=replace(sample.pose, q=sample.pose.q + part.joints(step)))
 
 
-def _again(scene: Scene, values: Array, lights: Sequence[Light], sample: Sample, bank: Bank) -> Sample:
-    """With its pose in another look; where that explains little, looked for everywhere."""
-    light = lights[sample.recording]
-    still = light.apply(bank.still)
-    pose = align(scene, values, light, sample.frame, still, sample.pose.q, near=True)
-    if pose.explained < SURE:
-        other = find_pose(scene, values, light, sample.frame, bank, still)
-        pose = max(pose, other, key=lambda p: p.explained)
-    return replace(sample, pose=pose)
+def _again(
+    scene: Scene, values: Array, lights: Sequence[Light], samples: Sequence[Sample]
+) -> tuple[list[Sample], float]:
+    """With their poses in another look, and the share of them that turned out to be elsewhere.
+
+    Those that explain less than the best one are looked for everywhere.
+    """
+    bank = Bank(scene, values)
+    stills = [light.apply(bank.still) for light in lights]
+    near = [
+        align(scene, values, lights[s.recording], s.frame, stills[s.recording], s.pose.q, near=True) for s in samples
+    ]
+    best, out = max(pose.explained for pose in near), []
+    for s, pose in zip(samples, near, strict=True):
+        found = pose
+        if pose.explained < best - WRONG:
+            other = find_pose(scene, values, lights[s.recording], s.frame, bank, stills[s.recording])
+            found = other if other.explained > pose.explained + WRONG else pose
+        out.append(replace(s, pose=found))
+    return out, float(np.mean([s.pose is not pose for s, pose in zip(out, near, strict=True)]))
 
 
 def _lights(scene: Scene, values: Array, samples: Sequence[Sample], lights: Sequence[Light]) -> list[Light]:

@@ -17,11 +17,11 @@ from keycld_envs.workers import each
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.calibration import ErrorModel, ReadAgain, frames_together, reading_error
 from keycld_model.image_alignment.films import Films, read_films
-from keycld_model.image_alignment.fit_look import SCHEDULE, Look, fit_look
+from keycld_model.image_alignment.fit_look import STEPS, Look, fit_look
 from keycld_model.image_alignment.follow import follow, turning
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import LookParameter
-from keycld_model.image_alignment.pose import Pose
+from keycld_model.image_alignment.pose import UNCERTAIN, Pose
 from keycld_model.image_alignment.scene import Scene
 from keycld_model.turns import on_common_turns
 
@@ -98,7 +98,7 @@ def read_positions(
             stills = [np.median(f[:: max(1, len(f) // 60)], axis=0).astype(np.float32) for f in films.frames]
             bank = Bank(scene, scene.nominal)
             advance(100)
-            look = fit_look(scene, stills, films.spread(FRAMES), bank, partial(advance, 200 // len(SCHEDULE)))
+            look = fit_look(scene, stills, films.spread(FRAMES), bank, partial(advance, 200 // STEPS))
             reader, parameters = _Reader(model, name, quality, look.values, Bank(scene, look.values)), scene.parameters
         jobs = list(zip(look.lights, films.times, films.frames, strict=True))
         followed = []
@@ -167,12 +167,16 @@ def _positions(
 ) -> Positions:
     """As recordings of joint positions."""
     explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
-    readable = tuple(np.array([pose.readable for pose in poses]) for poses in followed)
+    pixels = np.concatenate([part.pixels for part in again])
+    told = not len(pixels) or float(np.sqrt(np.mean(pixels**2))) <= UNCERTAIN  # what is drawn there is read again there
+    readable = tuple(np.array([told and pose.readable for pose in poses]) for poses in followed)
     read = [
         np.where(good[:, None], [pose.q for pose in poses], np.nan)
         for poses, good in zip(followed, readable, strict=True)
     ]
-    found = ErrorModel.of(*(np.concatenate(part) for part in zip(*again, strict=True)))
+    found = ErrorModel.of(
+        np.concatenate([part.error for part in again]), np.concatenate([part.unexplained for part in again])
+    )
     errors = tuple(found.deviation(1 - e) for e in explained)
     same_turns = on_common_turns(read, turning(model))
     out = []

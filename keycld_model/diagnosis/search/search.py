@@ -121,7 +121,9 @@ class Search:
             return
         self._replaced.add((best.keys, effect.key))
         rest = [e for e in best.fit.effects if e is not effect]
-        self._finalists(self.refine(best.fit.point.with_effects(*rest)), largest=1)
+        without = self.refine(best.fit.point.with_effects(*rest))
+        self._finalists(without, largest=1, besides=effect)
+        self._elsewhere(without, effect)
         for other in effect.confusable_with((h.effect for h in self.hypotheses), self.problem.simulator.model):
             if other.key not in best.keys:
                 self.refine(best.fit.point.with_effects(*rest, other))
@@ -174,9 +176,17 @@ class Search:
             self._restart(best, [e for e in rest if e is not other], other)
         return self.found[without.keys]
 
-    def _finalists(self, scored: Scored, largest: int = 3) -> list[Scored]:
-        """The most promising sets with one to three more effects."""
+    def _elsewhere(self, scored: Scored, effect: Effect) -> None:
+        """A set with an effect as one that it lacks, at the other place that promises most."""
+        fit, used = self._sample(scored.fit), {effect.key, *(e.key for e in scored.fit.effects)}
+        alike = [h for h in self.hypotheses if isinstance(h.effect, type(effect)) and h.key not in used]
+        for effects in promising(fit, alike, {1: 1}):
+            self.refine(scored.fit.point.with_effects(*effects))
+
+    def _finalists(self, scored: Scored, largest: int = 3, besides: Effect | None = None) -> list[Scored]:
+        """The most promising sets with one to three more effects, of all besides one."""
         fit, used = self._sample(scored.fit), {e.key for e in scored.fit.effects}
+        used |= set() if besides is None else {besides.key}
         free = [h for h in self.hypotheses if h.key not in used]
         sizes = range(1, min(largest, self.most_effects - len(scored.keys)) + 1)
         sets = promising(fit, free, {size: EFFORT.sets[size - 1] for size in sizes})
