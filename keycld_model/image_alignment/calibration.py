@@ -11,7 +11,7 @@ from keycld_model.autocorrelation import samples_together
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.follow import follow
 from keycld_model.image_alignment.light import Light
-from keycld_model.image_alignment.pose import Pose
+from keycld_model.image_alignment.pose import UNCERTAIN, Pose
 from keycld_model.image_alignment.scene import STEP, Scene
 
 Array = NDArray[np.float64]
@@ -120,6 +120,12 @@ def _likeliest(columns: Array, squares: Array, usual: float) -> Array:
         out, _ = nnls(columns / variance[:, None], squares / variance)
         variance = np.maximum(columns @ out, EXACT**2 * usual)
     return out
+
+
+def repeatable(again: Sequence[ReadAgain]) -> bool:
+    """Whether what is drawn at known positions is read again there, within what a frame must tell; if any is drawn."""
+    pixels = np.concatenate([part.pixels for part in again])
+    return not len(pixels) or float(np.sqrt(np.mean(pixels**2))) <= UNCERTAIN
 
 
 def frames_together(errors: Sequence[Array]) -> Array:

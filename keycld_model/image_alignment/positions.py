@@ -15,13 +15,13 @@ from keycld_envs.recordings import Recording
 from keycld_envs.rendering import Quality
 from keycld_envs.workers import each
 from keycld_model.image_alignment.bank import Bank
-from keycld_model.image_alignment.calibration import ErrorModel, ReadAgain, frames_together, reading_error
+from keycld_model.image_alignment.calibration import ErrorModel, ReadAgain, frames_together, reading_error, repeatable
 from keycld_model.image_alignment.films import Films, read_films
 from keycld_model.image_alignment.fit_look import STEPS, Look, fit_look
 from keycld_model.image_alignment.follow import follow, turning
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import LookParameter
-from keycld_model.image_alignment.pose import UNCERTAIN, Pose
+from keycld_model.image_alignment.pose import Pose
 from keycld_model.image_alignment.scene import Scene
 from keycld_model.turns import on_common_turns
 
@@ -167,8 +167,7 @@ def _positions(
 ) -> Positions:
     """As recordings of joint positions."""
     explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
-    pixels = np.concatenate([part.pixels for part in again])
-    told = not len(pixels) or float(np.sqrt(np.mean(pixels**2))) <= UNCERTAIN  # what is drawn there is read again there
+    told = repeatable(again)
     readable = tuple(np.array([told and pose.readable for pose in poses]) for poses in followed)
     read = [
         np.where(good[:, None], [pose.q for pose in poses], np.nan)

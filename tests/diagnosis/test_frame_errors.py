@@ -9,7 +9,7 @@ from plants import recordings
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.image_alignment.calibration import EXACT, ErrorModel
+from keycld_model.image_alignment.calibration import EXACT, ErrorModel, ReadAgain, repeatable
 
 
 def frames(level: float, slope: float, number: int = 4000) -> tuple[np.ndarray, np.ndarray]:
@@ -35,6 +35,15 @@ def test_no_frame_is_taken_for_exact():
     found = ErrorModel.of(errors, unexplained)
     usual = np.sqrt(np.mean(errors[:, 0] ** 2))
     assert found.deviation(np.zeros(1))[0, 0] == pytest.approx(EXACT * usual, rel=0.2)
+
+
+def test_positions_that_are_not_read_again_where_they_are_drawn_are_not_told():
+    def again(*pixels: float) -> ReadAgain:
+        return ReadAgain(np.zeros((len(pixels), 1)), np.zeros(len(pixels)), np.array(pixels))
+
+    assert repeatable([again(0.02, 0.1), again(), again(0.16)])
+    assert not repeatable([again(0.02, 0.1), again(0.5, 0.3)])
+    assert repeatable([again()])  # no frame was readable
 
 
 def test_samples_weigh_by_their_own_errors():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from films import film
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from keycld_control.cli import main
 from keycld_envs.errors import InputError
@@ -71,6 +72,23 @@ def test_a_rail_as_thin_as_a_pixel_and_stars_do_not_lead_the_camera_astray():
     seen = PIXELS_PER_METRE["cartpole"] * errors(positions, truth, 2 * np.pi)  # the pole is 1 m long
     assert np.abs(seen.mean(axis=0)).max() < 0.05
     assert seen.std(axis=0).max() < 0.05
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_a_pole_does_not_shrink_while_the_camera_is_far_off():
+    def develop(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        noise = np.random.default_rng(int(image.sum())).normal(0, 5, image.shape)
+        soft = gaussian_filter(image.astype(float), (1, 1, 0))
+        return np.clip(1.12 * soft + 6 + noise, 0, 255).round().astype(np.uint8)
+
+    view, shorter = View(right=-2.9, up=3.3, zoom=0.936, aspect=0.994, roll=0.046), 0.854
+    runs, _ = film("cartpole", 1, 16, view, develop, change=lambda m: lengthen(m, 2, shorter))
+    positions = read_positions(runs, get_system("cartpole").compile(), workers=1)
+    values = dict(zip([p.name for p in positions.parameters], positions.values, strict=True))
+    assert np.exp(values["visible length of pole_1"]) == pytest.approx(shorter, abs=0.01)
+    assert values["up"] == pytest.approx(3.3, abs=0.1)
+    assert positions.trusted == 1.0
 
 
 @pytest.mark.render

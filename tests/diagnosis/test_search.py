@@ -185,7 +185,7 @@ def test_another_integrator_also_begins_without_what_clocks_have_made_up_for():
 
 @pytest.mark.long
 def test_a_simulation_with_steps_of_euler_lacks_its_friction_alone():
-    """From end to end; these runs found their integrator before, too, so that the test above is the one that guards it."""
+    """From end to end; these runs found their integrator before, too: the test above is the one that guards it."""
     env = KeyCLDEnv("pendulum", obs_type="state", effects=[CoulombFriction("hinge", 1.68)])
     form, rng, runs = recordings("pendulum", 0, number=1, seconds=0.5)[0], np.random.default_rng(1), []
     t = 0.02 * np.arange(200)
