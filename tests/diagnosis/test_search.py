@@ -21,6 +21,7 @@ from keycld_envs.effects import (
     SensorLatency,
     ViscousFriction,
 )
+from keycld_envs.effects.added_mass import AddedMass
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.criteria import STANDARD
@@ -93,6 +94,24 @@ def test_a_set_without_a_spurious_term_wins_though_it_gains_less_than_a_round_mu
     pair = scored(100.0, ViscousFriction("hinge"), QuadraticDrag("hinge"))
     assert pair.improves_on(nothing, 6.0) and single.improves_on(pair, 6.0)
     assert not pair.improves_on(single, 6.0) and not single.improves_on(scored(90.0, *pair.fit.effects), 6.0)
+
+
+def test_an_effect_is_also_tried_at_its_other_places():
+    """Of two sets with another effect in one's place that are followed, one was that effect itself."""
+    env = KeyCLDEnv("acrobot", obs_type="state", effects=[AddedMass("lower_arm", m=0.3, x=1.9)])
+    form, rng, runs = recordings("acrobot", 0, number=1, seconds=0.5)[0], np.random.default_rng(1), []
+    t = 0.01 * np.arange(100)
+    for run in range(4):
+        env.reset(seed=run)
+        u = np.repeat(rng.uniform(-1, 1, (10, 2)), 10, axis=0)
+        q = np.array([env.step(a)[4]["qpos"] for a in u]) + rng.normal(0, 1e-3, (100, 2))
+        runs.append(replace(form, id=str(run), t_action=t - 0.01, action=u, t_state=t, qpos=q))
+    problem = problem_of(Simulator(KeyCLDEnv("acrobot", obs_type="state").model, 0.01), runs)
+    search = Search(problem, {"external_pulse", "base_motion"})
+    best = search.refine(minimise(problem, problem.start()).point.with_effects(AddedMass("upper_arm", m=0.19, x=0.2)))
+    search.exchange(best, best.fit.effects[0])
+    places = {where for keys in search.found if len(keys) == 1 for kind, where in keys if kind == "AddedMass"}
+    assert places == {"upper_arm", "lower_arm"}
 
 
 def test_friction_alike_in_both_directions_has_one_number():
