@@ -30,11 +30,13 @@ class ReadAgain(NamedTuple):
         error: `[T, nq]` rad or m.
         unexplained: `[T]` share of what moves that the drawing at the position that was read does not explain. Frames
             that are read again have what two frames leave, so that these are scaled to what one leaves on average.
+        curvature: `[T, nq]` variance by the curvature of the fit, (rad or m)^2, scaled likewise.
         pixels: `[T]` how far what is seen is off, by the worst joint.
     """
 
     error: Array
     unexplained: Array
+    curvature: Array
     pixels: Array
 
 
@@ -64,7 +66,8 @@ def reading_error(
     """
     known = [k for k, pose in enumerate(poses) if pose.readable]
     if not known:
-        return ReadAgain(np.zeros((0, scene.model.nq)), np.zeros(0), np.zeros(0))
+        none = np.zeros((0, scene.model.nq))
+        return ReadAgain(none, np.zeros(0), none, np.zeros(0))
     frames, part = frames[known], slice(0, READ_AGAIN)
     drawn = np.stack([light.apply(scene.render(poses[k].q, look)) for k in known])
     q = np.array([poses[k].q for k in known])
@@ -76,40 +79,58 @@ def reading_error(
     error -= np.median(error, axis=0)  # whole turns among them
     pixels = STEP * np.abs(error / steps).max(axis=1)
     good = [pose.readable for pose in again]
-    left = np.array([1 - pose.explained for pose in again])
-    own = np.array([1 - poses[k].explained for k in known[part]])
-    return ReadAgain(error[good], (left * own.mean() / max(left.mean(), 1e-9))[good], pixels[good])
+    first = [poses[k] for k in known[part]]
+    unexplained, curvature = (
+        of(again) * of(first).mean(axis=0) / np.maximum(of(again).mean(axis=0), 1e-30)
+        for of in (unexplained_by, curvature_of)
+    )
+    return ReadAgain(error[good], unexplained[good], curvature[good], pixels[good])
+
+
+def unexplained_by(poses: Sequence[Pose]) -> Array:
+    """Share of what moves that each pose does not explain, `[T]`."""
+    return np.array([1 - pose.explained for pose in poses])
+
+
+def curvature_of(poses: Sequence[Pose]) -> Array:
+    """Variance of each joint by the curvature of each fit, `[T, nq]` (rad or m)^2."""
+    return np.array([pose.covariance.diagonal() for pose in poses])
 
 
 class ErrorModel(NamedTuple):
     """Variance of the error of a position: the more of a frame its drawing leaves unexplained, the larger.
 
-    Edges are drawn in a few shades, so that a drawing fits a frame exactly or not at all.
+    Edges are drawn in a few shades, so that a drawing fits a frame exactly or not at all. Where shades do not change,
+    as of an upright pole between two of them, the fit has little curvature; that counts, too.
 
     Attributes:
         usual: `[nq]` mean, (rad or m)^2; NaN if there are no errors to tell it from.
         level: `[nq]` of a frame that is explained altogether.
         slope: `[nq]` per unexplained share.
+        share: `[nq]` of the variance by the curvature of the fit.
     """
 
     usual: Array
     level: Array
     slope: Array
+    share: Array
 
     @classmethod
-    def of(cls, errors: Array, unexplained: Array) -> "ErrorModel":
-        """The likeliest one of normal errors `[N, nq]` of frames with these unexplained shares `[N]`."""
+    def of(cls, again: Sequence[ReadAgain]) -> "ErrorModel":
+        """The likeliest one of errors that are normal."""
+        errors, unexplained, curvature, _ = (np.concatenate(part) for part in zip(*again, strict=True))
         if not len(errors):
             unknown = np.full(errors.shape[1], np.nan)
-            return cls(unknown, unknown, unknown)
+            return cls(unknown, unknown, unknown, unknown)
         usual = np.mean(errors**2, axis=0)
-        columns = np.stack([np.ones(len(unexplained)), unexplained], axis=1)
-        found = np.array([_likeliest(columns, e**2, u) for e, u in zip(errors.T, usual, strict=True)])
-        return cls(usual, found[:, 0], found[:, 1])
+        columns = (np.stack([np.ones(len(unexplained)), unexplained, own / own.mean()], axis=1) for own in curvature.T)
+        found = np.array([_likeliest(c, e**2, u) for c, e, u in zip(columns, errors.T, usual, strict=True)])
+        return cls(usual, found[:, 0], found[:, 1], found[:, 2] / curvature.mean(axis=0))
 
-    def deviation(self, unexplained: Array) -> Array:
-        """Standard deviations `[T, nq]`."""
-        return np.sqrt(np.maximum(EXACT**2 * self.usual, self.level + self.slope * unexplained[:, None]))
+    def deviation(self, unexplained: Array, curvature: Array) -> Array:
+        """Standard deviations `[T, nq]` of frames, of these unexplained shares `[T]` and curvatures `[T, nq]`."""
+        variance = self.level + self.slope * unexplained[:, None] + self.share * curvature
+        return np.sqrt(np.maximum(EXACT**2 * self.usual, variance))
 
 
 def _likeliest(columns: Array, squares: Array, usual: float) -> Array:

@@ -15,7 +15,15 @@ from keycld_envs.recordings import Recording
 from keycld_envs.rendering import Quality
 from keycld_envs.workers import each
 from keycld_model.image_alignment.bank import Bank
-from keycld_model.image_alignment.calibration import ErrorModel, ReadAgain, frames_together, reading_error, repeatable
+from keycld_model.image_alignment.calibration import (
+    ErrorModel,
+    ReadAgain,
+    curvature_of,
+    frames_together,
+    reading_error,
+    repeatable,
+    unexplained_by,
+)
 from keycld_model.image_alignment.films import Films, read_films
 from keycld_model.image_alignment.fit_look import STEPS, Look, fit_look
 from keycld_model.image_alignment.follow import follow, turning
@@ -173,10 +181,8 @@ def _positions(
         np.where(good[:, None], [pose.q for pose in poses], np.nan)
         for poses, good in zip(followed, readable, strict=True)
     ]
-    found = ErrorModel.of(
-        np.concatenate([part.error for part in again]), np.concatenate([part.unexplained for part in again])
-    )
-    errors = tuple(found.deviation(1 - e) for e in explained)
+    found = ErrorModel.of(again)
+    errors = tuple(found.deviation(unexplained_by(poses), curvature_of(poses)) for poses in followed)
     same_turns = on_common_turns(read, turning(model))
     out = []
     for recording, times, q, error in zip(recordings, films.times, same_turns, errors, strict=True):
@@ -185,7 +191,7 @@ def _positions(
         names = tuple(model.joint(j).name for j in range(model.njnt))
         changed = {"joint_names": names, "t_state": times, "qpos": q, "qvel": None, "units": {**own, "qpos": units}}
         out.append(replace(recording, **changed, qpos_std=np.where(np.isfinite(q), error, np.nan)))
-    deviation = tuple(np.sqrt([np.diag(pose.covariance) for pose in poses]) for poses in followed)
+    deviation = tuple(np.sqrt(curvature_of(poses)) for poses in followed)
     return Positions(
         tuple(out),
         deviation,
@@ -198,5 +204,5 @@ def _positions(
         films.size,
         np.sqrt(found.usual),
         errors,
-        frames_together([part.error / found.deviation(part.unexplained) for part in again]),
+        frames_together([part.error / found.deviation(part.unexplained, part.curvature) for part in again]),
     )

@@ -12,34 +12,47 @@ from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.image_alignment.calibration import EXACT, ErrorModel, ReadAgain, repeatable
 
 
-def frames(level: float, slope: float, number: int = 4000) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of two joints, the second's as large in all frames, and what is unexplained of each frame."""
+def frames(level: float, slope: float, share: float = 0.0, number: int = 4000) -> ReadAgain:
+    """Errors of two joints, the second's as large in all frames."""
     rng = np.random.default_rng(0)
-    unexplained = rng.exponential(0.01, number)
-    deviation = np.stack([np.sqrt(level + slope * unexplained), np.full(number, 3e-3)], axis=1)
-    return rng.normal(0, deviation), unexplained
+    unexplained, curvature = rng.exponential(0.01, number), 1e-7 * rng.lognormal(0, 1, (number, 2))
+    first = np.sqrt(level + slope * unexplained + share * curvature[:, 0])
+    errors = rng.normal(0, np.stack([first, np.full(number, 3e-3)], axis=1))
+    return ReadAgain(errors, unexplained, curvature, np.full(number, 0.02))
 
 
 def test_variances_grow_with_what_is_unexplained():
-    errors, unexplained = frames(1e-7, 4e-4)
-    found = ErrorModel.of(errors, unexplained)
+    again = frames(1e-7, 4e-4)
+    found = ErrorModel.of([again])
     assert found.level[0] == pytest.approx(1e-7, abs=4e-8)
     assert found.slope[0] == pytest.approx(4e-4, rel=0.1)
-    low, high = found.deviation(np.array([0.0, 0.03]))
+    assert found.share[0] * np.mean(again.curvature[:, 0]) < 2e-7
+    low, high = found.deviation(np.array([0.0, 0.03]), np.full((2, 2), 1e-7))
     assert low[1] == pytest.approx(3e-3, rel=0.1) and high[1] == pytest.approx(3e-3, rel=0.15)
-    assert np.std(errors / found.deviation(unexplained), axis=0) == pytest.approx([1, 1], abs=0.05)
+    said = found.deviation(again.unexplained, again.curvature)
+    assert np.std(again.error / said, axis=0) == pytest.approx([1, 1], abs=0.05)
+
+
+def test_variances_grow_with_what_the_curvature_of_the_fit_leaves():
+    """As where a frame has something else in it, always, beside which nothing else that is unexplained shows."""
+    again = frames(1e-7, 0.0, share=20.0)
+    found = ErrorModel.of([again])
+    assert found.share[0] == pytest.approx(20.0, rel=0.15)
+    low, high = found.deviation(np.zeros(2), np.array([[0.0, 0.0], [1e-6, 1e-6]]))
+    assert high[0] == pytest.approx(np.sqrt(1e-7 + 2e-5), rel=0.1) and low[0] < 0.25 * high[0]
 
 
 def test_no_frame_is_taken_for_exact():
-    errors, unexplained = frames(0.0, 4e-4)
-    found = ErrorModel.of(errors, unexplained)
-    usual = np.sqrt(np.mean(errors[:, 0] ** 2))
-    assert found.deviation(np.zeros(1))[0, 0] == pytest.approx(EXACT * usual, rel=0.2)
+    again = frames(0.0, 4e-4)
+    usual = np.sqrt(np.mean(again.error[:, 0] ** 2))
+    said = ErrorModel.of([again]).deviation(np.zeros(1), np.zeros((1, 2)))
+    assert said[0, 0] == pytest.approx(EXACT * usual, rel=0.2)
 
 
 def test_positions_that_are_not_read_again_where_they_are_drawn_are_not_told():
     def again(*pixels: float) -> ReadAgain:
-        return ReadAgain(np.zeros((len(pixels), 1)), np.zeros(len(pixels)), np.array(pixels))
+        number = len(pixels)
+        return ReadAgain(np.zeros((number, 1)), np.zeros(number), np.zeros((number, 1)), np.array(pixels))
 
     assert repeatable([again(0.02, 0.1), again(), again(0.16)])
     assert not repeatable([again(0.02, 0.1), again(0.5, 0.3)])
