@@ -11,7 +11,7 @@ from keycld_model.autocorrelation import samples_together
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.follow import follow
 from keycld_model.image_alignment.light import Light
-from keycld_model.image_alignment.pose import UNCERTAIN, Pose
+from keycld_model.image_alignment.pose import Pose
 from keycld_model.image_alignment.scene import STEP, Scene
 
 Array = NDArray[np.float64]
@@ -19,6 +19,10 @@ EXACT = 0.2
 """Share of the usual error that any frame has at least."""
 READ_AGAIN = 40
 """Frames of a recording that are read again."""
+ASTRAY = 1.0
+"""Pixels; a position that is read so far from where it was drawn is that of something else."""
+REPEATED = 0.9
+"""Share of the frames drawn at known positions that must not be read astray."""
 APART = 1.0
 """Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least."""
 
@@ -144,9 +148,9 @@ def _likeliest(columns: Array, squares: Array, usual: float) -> Array:
 
 
 def repeatable(again: Sequence[ReadAgain]) -> bool:
-    """Whether what is drawn at known positions is read again there, within what a frame must tell; if any is drawn."""
+    """Whether what is drawn at known positions is read again there, mostly; if anything is drawn."""
     pixels = np.concatenate([part.pixels for part in again])
-    return not len(pixels) or float(np.sqrt(np.mean(pixels**2))) <= UNCERTAIN
+    return not len(pixels) or float(np.mean(pixels < ASTRAY)) >= REPEATED
 
 
 def frames_together(errors: Sequence[Array]) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,33 +88,56 @@ def fit_look(
         bank: drawings of the scene.
         advance: called after each step.
     """
-    spread = np.array([p.spread for p in scene.parameters])
     values, lights = scene.nominal, [Light.of(bank.still, still) for still in stills]
     samples = [
         Sample(r, f, find_pose(scene, values, lights[r], f, bank, lights[r].apply(bank.still))) for r, f in frames
     ]
-    normal = np.diag(1 / spread**2)
+    state = _State(values, np.full(len(values), np.inf), lights, samples)
     for turn, schedule in enumerate((COARSE, *[SHARP] * ROUNDS)):
         for soft in schedule:
-            lights = _lights(scene, values, _seen(samples), lights)
-            parts = [_Linear.of(scene, values, lights[s.recording], s, soft) for s in samples]
-            seen = [part for part, s in zip(parts, samples, strict=True) if s.pose.explained > UNSEEN] or parts
-            normal = np.diag(1 / spread**2) + sum(part.normal for part in seen)
-            gradient = sum(part.gradient for part in seen) - (values - scene.nominal) / spread**2
-            free = np.flatnonzero(_free(scene, samples, schedule is SHARP))
-            step = np.zeros(len(values))
-            step[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
-            step *= min(1.0, LONGEST / float(np.abs(step / spread).max()))
-            step[-1] = max(step[-1], -values[-1])
-            values = values + step
-            samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
+            state = _stepped(scene, state, soft, blur=schedule is SHARP)
             if advance is not None and turn < 2:
                 advance()
-        samples, moved = _again(scene, values, lights, samples)
+        samples, moved = _again(scene, state)
+        state = state._replace(samples=samples)
         if turn and moved <= FEW:
             break
-    lights = _lights(scene, values, _seen(samples), lights)
-    return Look(values, np.sqrt(np.diag(np.linalg.inv(normal))), tuple(lights))
+    lights = _lights(scene, state)
+    return Look(state.values, state.deviation, tuple(lights))
+
+
+class _State(NamedTuple):
+    """How far a fit is.
+
+    Attributes:
+        values: `[p]` of the scene's parameters.
+        deviation: `[p]` their standard deviations.
+        lights: of each recording.
+        samples: with their poses.
+    """
+
+    values: Array
+    deviation: Array
+    lights: Sequence[Light]
+    samples: Sequence[Sample]
+
+
+def _stepped(scene: Scene, state: _State, soft: float, blur: bool) -> _State:
+    """After a step of Gauss-Newton on images softened by so many pixels, on blur as well or not."""
+    values, samples = state.values, state.samples
+    spread = np.array([p.spread for p in scene.parameters])
+    lights = _lights(scene, state)
+    parts = [_Linear.of(scene, values, lights[s.recording], s, soft) for s in samples]
+    seen = [part for part, s in zip(parts, samples, strict=True) if s.pose.explained > UNSEEN] or parts
+    normal = np.diag(1 / spread**2) + sum(part.normal for part in seen)
+    gradient = sum(part.gradient for part in seen) - (values - scene.nominal) / spread**2
+    free = np.flatnonzero(_free(scene, samples, blur))
+    step = np.zeros(len(values))
+    step[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
+    step *= min(1.0, LONGEST / float(np.abs(step / spread).max()))
+    step[-1] = max(step[-1], -values[-1])
+    samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
+    return _State(values + step, np.sqrt(np.diag(np.linalg.inv(normal))), lights, samples)
 
 
 def _free(scene: Scene, samples: Sequence[Sample], blur: bool) -> NDArray[np.bool_]:
@@ -134,13 +158,12 @@ def _moved(sample: Sample, part: "_Linear", step: Array) -> Sample:
     return replace(sample, pose=replace(sample.pose, q=sample.pose.q + part.joints(step)))
 
 
-def _again(
-    scene: Scene, values: Array, lights: Sequence[Light], samples: Sequence[Sample]
-) -> tuple[list[Sample], float]:
-    """With their poses in another look, and the share of them that turned out to be elsewhere.
+def _again(scene: Scene, state: _State) -> tuple[list[Sample], float]:
+    """Samples with their poses in the look so far, and the share of them that turned out to be elsewhere.
 
     Those that explain less than the best one are looked for everywhere.
     """
+    values, _, lights, samples = state
     bank = Bank(scene, values)
     stills = [light.apply(bank.still) for light in lights]
     near = [
@@ -156,13 +179,13 @@ def _again(
     return out, float(np.mean([s.pose is not pose for s, pose in zip(out, near, strict=True)]))
 
 
-def _lights(scene: Scene, values: Array, samples: Sequence[Sample], lights: Sequence[Light]) -> list[Light]:
+def _lights(scene: Scene, state: _State) -> list[Light]:
     """Of each recording anew, where a sample shows it."""
-    out = list(lights)
-    for r in range(len(lights)):
-        own = [s for s in samples if s.recording == r]
+    out, seen = list(state.lights), _seen(state.samples)
+    for r in range(len(out)):
+        own = [s for s in seen if s.recording == r]
         if own:
-            drawn = np.stack([scene.render(s.pose.q, values) for s in own])
+            drawn = np.stack([scene.render(s.pose.q, state.values) for s in own])
             out[r] = Light.of(drawn, np.stack([s.frame for s in own]))
     return out
 

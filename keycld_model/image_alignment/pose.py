@@ -35,7 +35,7 @@ TRUSTED = 0.5
 """Share of a frame's motion that its pose must explain; of others, positions are missing."""
 UNCERTAIN = 0.25
 """Pixels; where a link is hidden, leaves the image or points at the camera, its joint is not known better, and
-positions are missing, too. All of them are, if frames drawn at known positions are not read better than that."""
+positions are missing, too."""
 IN_VIEW = 0.5
 """Share of a link's length; with less inside the image, its angle is told far worse than by other frames."""
 SATURATED = 50.0

@@ -55,7 +55,8 @@ def test_positions_that_are_not_read_again_where_they_are_drawn_are_not_told():
         return ReadAgain(np.zeros((number, 1)), np.zeros(number), np.zeros((number, 1)), np.array(pixels))
 
     assert repeatable([again(0.02, 0.1), again(), again(0.16)])
-    assert not repeatable([again(0.02, 0.1), again(0.5, 0.3)])
+    assert repeatable([again(*[0.1] * 39, 40.0)])  # a single frame of forty
+    assert not repeatable([again(*[0.1] * 30), again(*[2.0] * 10)])
     assert repeatable([again()])  # no frame was readable
 
 
