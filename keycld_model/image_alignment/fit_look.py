@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.light import Light
+from keycld_model.image_alignment.look import CAMERA
 from keycld_model.image_alignment.pose import FINEST, Pose, align, robust_weights
-from keycld_model.image_alignment.scene import Scene, softened
+from keycld_model.image_alignment.scene import STEP, Scene, softened
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -22,7 +23,9 @@ SHARP = (0.5, 0.5, 0.0, 0.0, 0.0)
 STEPS = len(COARSE) + len(SHARP)
 """Steps, unless some poses turn out to have been wrong."""
 ROUNDS = 3
-"""Times that the last steps are gone at most: again where poses were wrong."""
+"""Times that the last steps are gone at most: again where poses were wrong, or the camera is not at rest."""
+SETTLED = 0.05
+"""Pixels that the last step of a camera at rest moves what is seen, at most: no more than positions may be off."""
 FEW = 0.1
 """Share of the frames whose poses may have been wrong, because they show little."""
 WRONG = 0.1
@@ -92,7 +95,7 @@ def fit_look(
     samples = [
         Sample(r, f, find_pose(scene, values, lights[r], f, bank, lights[r].apply(bank.still))) for r, f in frames
     ]
-    state = _State(values, np.full(len(values), np.inf), lights, samples)
+    state = _State(values, np.full(len(values), np.inf), lights, samples, np.inf)
     for turn, schedule in enumerate((COARSE, *[SHARP] * ROUNDS)):
         for soft in schedule:
             state = _stepped(scene, state, soft, blur=schedule is SHARP)
@@ -100,7 +103,7 @@ def fit_look(
                 advance()
         samples, moved = _again(scene, state)
         state = state._replace(samples=samples)
-        if turn and moved <= FEW:
+        if turn and moved <= FEW and state.moves <= SETTLED:
             break
     lights = _lights(scene, state)
     return Look(state.values, state.deviation, tuple(lights))
@@ -114,12 +117,14 @@ class _State(NamedTuple):
         deviation: `[p]` their standard deviations.
         lights: of each recording.
         samples: with their poses.
+        moves: how far the camera's last step moves what is seen, pixels.
     """
 
     values: Array
     deviation: Array
     lights: Sequence[Light]
     samples: Sequence[Sample]
+    moves: float
 
 
 def _stepped(scene: Scene, state: _State, soft: float, blur: bool) -> _State:
@@ -137,7 +142,8 @@ def _stepped(scene: Scene, state: _State, soft: float, blur: bool) -> _State:
     step *= min(1.0, LONGEST / float(np.abs(step / spread).max()))
     step[-1] = max(step[-1], -values[-1])
     samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
-    return _State(values + step, np.sqrt(np.diag(np.linalg.inv(normal))), lights, samples)
+    deviation, moves = np.sqrt(np.diag(np.linalg.inv(normal))), STEP * np.abs(step / scene.look_steps())
+    return _State(values + step, deviation, lights, samples, float(moves[: len(CAMERA)].max()))
 
 
 def _free(scene: Scene, samples: Sequence[Sample], blur: bool) -> NDArray[np.bool_]:
@@ -163,7 +169,7 @@ def _again(scene: Scene, state: _State) -> tuple[list[Sample], float]:
 
     Those that explain less than the best one are looked for everywhere.
     """
-    values, _, lights, samples = state
+    values, lights, samples = state.values, state.lights, state.samples
     bank = Bank(scene, values)
     stills = [light.apply(bank.still) for light in lights]
     near = [

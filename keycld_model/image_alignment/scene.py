@@ -93,7 +93,7 @@ class Scene:
     def look_jacobian(self, q: Array, values: Array, there: Image, soft: float = 0.0) -> Slopes:
         """How the image `there` changes with the look, in central differences."""
         beside, widths = [], []
-        for k, step in enumerate(self._look_steps()):
+        for k, step in enumerate(self.look_steps()):
             after, before = values.copy(), values.copy()
             after[k] += step
             before[k] -= step if k < len(values) - 1 else min(step, values[-1])  # a variance is not negative
@@ -140,7 +140,7 @@ class Scene:
         reach = size / 2 / max(per_metre, 1e-3)
         return -reach, reach
 
-    def _look_steps(self) -> Array:
+    def look_steps(self) -> Array:
         """Steps of finite differences: each moves what is seen by about `STEP` pixels."""
         half = max(self.size) / 2
         pixels = [1.0, 1.0, half, half, half, *[half / 2] * (len(self.parameters) - len(CAMERA) - 1)]
