@@ -34,13 +34,13 @@ class ReadAgain(NamedTuple):
         error: `[T, nq]` rad or m.
         unexplained: `[T]` share of what moves that the drawing at the position that was read does not explain. Frames
             that are read again have what two frames leave, so that these are scaled to what one leaves on average.
-        curvature: `[T, nq]` variance by the curvature of the fit, (rad or m)^2, scaled likewise.
+        fit_variance: `[T, nq]` variance by the curvature of the fit, (rad or m)^2, scaled likewise.
         pixels: `[T]` how far what is seen is off, by the worst joint.
     """
 
     error: Array
     unexplained: Array
-    curvature: Array
+    fit_variance: Array
     pixels: Array
 
 
@@ -84,11 +84,11 @@ def reading_error(
     pixels = STEP * np.abs(error / steps).max(axis=1)
     good = [pose.readable for pose in again]
     first = [poses[k] for k in known[part]]
-    unexplained, curvature = (
+    unexplained, fit_variance = (
         of(again) * of(first).mean(axis=0) / np.maximum(of(again).mean(axis=0), 1e-30)
-        for of in (unexplained_by, curvature_of)
+        for of in (unexplained_by, fit_variance_of)
     )
-    return ReadAgain(error[good], unexplained[good], curvature[good], pixels[good])
+    return ReadAgain(error[good], unexplained[good], fit_variance[good], pixels[good])
 
 
 def unexplained_by(poses: Sequence[Pose]) -> Array:
@@ -96,7 +96,7 @@ def unexplained_by(poses: Sequence[Pose]) -> Array:
     return np.array([1 - pose.explained for pose in poses])
 
 
-def curvature_of(poses: Sequence[Pose]) -> Array:
+def fit_variance_of(poses: Sequence[Pose]) -> Array:
     """Variance of each joint by the curvature of each fit, `[T, nq]` (rad or m)^2."""
     return np.array([pose.covariance.diagonal() for pose in poses])
 
@@ -111,29 +111,31 @@ class ErrorModel(NamedTuple):
         usual: `[nq]` mean, (rad or m)^2; NaN if there are no errors to tell it from.
         level: `[nq]` of a frame that is explained altogether.
         slope: `[nq]` per unexplained share.
-        share: `[nq]` of the variance by the curvature of the fit.
+        factor: `[nq]` of the variance by the curvature of the fit.
     """
 
     usual: Array
     level: Array
     slope: Array
-    share: Array
+    factor: Array
 
     @classmethod
     def of(cls, again: Sequence[ReadAgain]) -> "ErrorModel":
         """The likeliest one of errors that are normal."""
-        errors, unexplained, curvature, _ = (np.concatenate(part) for part in zip(*again, strict=True))
+        errors, unexplained, fit_variance, _ = (np.concatenate(part) for part in zip(*again, strict=True))
         if not len(errors):
             unknown = np.full(errors.shape[1], np.nan)
             return cls(unknown, unknown, unknown, unknown)
         usual = np.mean(errors**2, axis=0)
-        columns = (np.stack([np.ones(len(unexplained)), unexplained, own / own.mean()], axis=1) for own in curvature.T)
+        columns = (
+            np.stack([np.ones(len(unexplained)), unexplained, own / own.mean()], axis=1) for own in fit_variance.T
+        )
         found = np.array([_likeliest(c, e**2, u) for c, e, u in zip(columns, errors.T, usual, strict=True)])
-        return cls(usual, found[:, 0], found[:, 1], found[:, 2] / curvature.mean(axis=0))
+        return cls(usual, found[:, 0], found[:, 1], found[:, 2] / fit_variance.mean(axis=0))
 
-    def deviation(self, unexplained: Array, curvature: Array) -> Array:
-        """Standard deviations `[T, nq]` of frames, of these unexplained shares `[T]` and curvatures `[T, nq]`."""
-        variance = self.level + self.slope * unexplained[:, None] + self.share * curvature
+    def deviation(self, unexplained: Array, fit_variance: Array) -> Array:
+        """Standard deviations `[T, nq]` of frames with unexplained shares `[T]` and variances by the fit `[T, nq]`."""
+        variance = self.level + self.slope * unexplained[:, None] + self.factor * fit_variance
         return np.sqrt(np.maximum(EXACT**2 * self.usual, variance))
 
 

@@ -46,11 +46,13 @@ class Look:
         values: `[p]` of the scene's parameters.
         deviation: `[p]` their standard deviations.
         lights: of each recording.
+        bank: drawings with these values.
     """
 
     values: Array
     deviation: Array
     lights: tuple[Light, ...]
+    bank: Bank
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,11 @@ class Sample:
     recording: int
     frame: Image
     pose: Pose
+
+    @property
+    def seen(self) -> bool:
+        """Whether its pose explains so much that it tells something of the look."""
+        return self.pose.explained > UNSEEN
 
 
 def find_pose(scene: Scene, look: Array, light: Light, frame: Image, bank: Bank, still: Image) -> Pose:
@@ -88,25 +95,23 @@ def fit_look(
         scene: that draws.
         stills: of each recording, what it shows where nothing moves.
         frames: to fit to, each with the index of its recording.
-        bank: drawings of the scene.
-        advance: called after each step.
+        bank: drawings of the scene as the simulator has it.
+        advance: called after each of the `STEPS`; not in rounds after them.
     """
     values, lights = scene.nominal, [Light.of(bank.still, still) for still in stills]
     samples = [
         Sample(r, f, find_pose(scene, values, lights[r], f, bank, lights[r].apply(bank.still))) for r, f in frames
     ]
-    state = _State(values, np.full(len(values), np.inf), lights, samples, np.inf)
+    state = _State(values, np.full(len(values), np.inf), lights, bank, samples, np.inf)
     for turn, schedule in enumerate((COARSE, *[SHARP] * ROUNDS)):
         for soft in schedule:
             state = _stepped(scene, state, soft, blur=schedule is SHARP)
             if advance is not None and turn < 2:
                 advance()
-        samples, moved = _again(scene, state)
-        state = state._replace(samples=samples)
+        state, moved = _again(scene, state)
         if turn and moved <= FEW and state.moves <= SETTLED:
             break
-    lights = _lights(scene, state)
-    return Look(state.values, state.deviation, tuple(lights))
+    return Look(state.values, state.deviation, tuple(_lights(scene, state)), state.bank)
 
 
 class _State(NamedTuple):
@@ -116,6 +121,7 @@ class _State(NamedTuple):
         values: `[p]` of the scene's parameters.
         deviation: `[p]` their standard deviations.
         lights: of each recording.
+        bank: drawings with the values of when poses were last looked for.
         samples: with their poses.
         moves: how far the camera's last step moves what is seen, pixels.
     """
@@ -123,6 +129,7 @@ class _State(NamedTuple):
     values: Array
     deviation: Array
     lights: Sequence[Light]
+    bank: Bank
     samples: Sequence[Sample]
     moves: float
 
@@ -133,7 +140,7 @@ def _stepped(scene: Scene, state: _State, soft: float, blur: bool) -> _State:
     spread = np.array([p.spread for p in scene.parameters])
     lights = _lights(scene, state)
     parts = [_Linear.of(scene, values, lights[s.recording], s, soft) for s in samples]
-    seen = [part for part, s in zip(parts, samples, strict=True) if s.pose.explained > UNSEEN] or parts
+    seen = [part for part, s in zip(parts, samples, strict=True) if s.seen] or parts
     normal = np.diag(1 / spread**2) + sum(part.normal for part in seen)
     gradient = sum(part.gradient for part in seen) - (values - scene.nominal) / spread**2
     free = np.flatnonzero(_free(scene, samples, blur))
@@ -143,20 +150,15 @@ def _stepped(scene: Scene, state: _State, soft: float, blur: bool) -> _State:
     step[-1] = max(step[-1], -values[-1])
     samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
     deviation, moves = np.sqrt(np.diag(np.linalg.inv(normal))), STEP * np.abs(step / scene.look_steps())
-    return _State(values + step, deviation, lights, samples, float(moves[: len(CAMERA)].max()))
+    return _State(values + step, deviation, lights, state.bank, samples, float(moves[: len(CAMERA)].max()))
 
 
 def _free(scene: Scene, samples: Sequence[Sample], blur: bool) -> NDArray[np.bool_]:
     """Which parameters `[p]` a step changes; links that no pose explains yet would shrink until they do not disturb."""
-    seen = any(s.pose.explained > UNSEEN for s in samples)
+    seen = any(s.seen for s in samples)
     free = np.array([seen or parameter.body is None for parameter in scene.parameters])
     free[-1] = blur
     return free
-
-
-def _seen(samples: Sequence[Sample]) -> Sequence[Sample]:
-    """Those whose poses explain something; if none does, all."""
-    return [s for s in samples if s.pose.explained > UNSEEN] or samples
 
 
 def _moved(sample: Sample, part: "_Linear", step: Array) -> Sample:
@@ -164,8 +166,8 @@ def _moved(sample: Sample, part: "_Linear", step: Array) -> Sample:
     return replace(sample, pose=replace(sample.pose, q=sample.pose.q + part.joints(step)))
 
 
-def _again(scene: Scene, state: _State) -> tuple[list[Sample], float]:
-    """Samples with their poses in the look so far, and the share of them that turned out to be elsewhere.
+def _again(scene: Scene, state: _State) -> tuple[_State, float]:
+    """With drawings and poses in the look so far, and the share of the poses that turned out to be elsewhere.
 
     Those that explain less than the best one are looked for everywhere.
     """
@@ -182,12 +184,13 @@ def _again(scene: Scene, state: _State) -> tuple[list[Sample], float]:
             other = find_pose(scene, values, lights[s.recording], s.frame, bank, stills[s.recording])
             found = other if other.explained > pose.explained + WRONG else pose
         out.append(replace(s, pose=found))
-    return out, float(np.mean([s.pose is not pose for s, pose in zip(out, near, strict=True)]))
+    moved = float(np.mean([s.pose is not pose for s, pose in zip(out, near, strict=True)]))
+    return state._replace(bank=bank, samples=out), moved
 
 
 def _lights(scene: Scene, state: _State) -> list[Light]:
     """Of each recording anew, where a sample shows it."""
-    out, seen = list(state.lights), _seen(state.samples)
+    out, seen = list(state.lights), [s for s in state.samples if s.seen] or state.samples
     for r in range(len(out)):
         own = [s for s in seen if s.recording == r]
         if own:

@@ -18,7 +18,7 @@ from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.calibration import (
     ErrorModel,
     ReadAgain,
-    curvature_of,
+    fit_variance_of,
     frames_together,
     reading_error,
     repeatable,
@@ -107,7 +107,7 @@ def read_positions(
             bank = Bank(scene, scene.nominal)
             advance(100)
             look = fit_look(scene, stills, films.spread(FRAMES), bank, partial(advance, 200 // STEPS))
-            reader, parameters = _Reader(model, name, quality, look.values, Bank(scene, look.values)), scene.parameters
+            reader, parameters = _Reader(model, name, quality, look.values, look.bank), scene.parameters
         jobs = list(zip(look.lights, films.times, films.frames, strict=True))
         followed = []
         for poses in each(reader.follow, jobs, min(workers, len(jobs))):
@@ -182,7 +182,7 @@ def _positions(
         for poses, good in zip(followed, readable, strict=True)
     ]
     found = ErrorModel.of(again)
-    errors = tuple(found.deviation(unexplained_by(poses), curvature_of(poses)) for poses in followed)
+    errors = tuple(found.deviation(unexplained_by(poses), fit_variance_of(poses)) for poses in followed)
     same_turns = on_common_turns(read, turning(model))
     out = []
     for recording, times, q, error in zip(recordings, films.times, same_turns, errors, strict=True):
@@ -191,7 +191,7 @@ def _positions(
         names = tuple(model.joint(j).name for j in range(model.njnt))
         changed = {"joint_names": names, "t_state": times, "qpos": q, "qvel": None, "units": {**own, "qpos": units}}
         out.append(replace(recording, **changed, qpos_std=np.where(np.isfinite(q), error, np.nan)))
-    deviation = tuple(np.sqrt(curvature_of(poses)) for poses in followed)
+    deviation = tuple(np.sqrt(fit_variance_of(poses)) for poses in followed)
     return Positions(
         tuple(out),
         deviation,
@@ -204,5 +204,5 @@ def _positions(
         films.size,
         np.sqrt(found.usual),
         errors,
-        frames_together([part.error / found.deviation(part.unexplained, part.curvature) for part in again]),
+        frames_together([part.error / found.deviation(part.unexplained, part.fit_variance) for part in again]),
     )

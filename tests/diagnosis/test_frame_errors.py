@@ -12,13 +12,13 @@ from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.image_alignment.calibration import EXACT, ErrorModel, ReadAgain, repeatable
 
 
-def frames(level: float, slope: float, share: float = 0.0, number: int = 4000) -> ReadAgain:
+def frames(level: float, slope: float, factor: float = 0.0, number: int = 4000) -> ReadAgain:
     """Errors of two joints, the second's as large in all frames."""
     rng = np.random.default_rng(0)
-    unexplained, curvature = rng.exponential(0.01, number), 1e-7 * rng.lognormal(0, 1, (number, 2))
-    first = np.sqrt(level + slope * unexplained + share * curvature[:, 0])
+    unexplained, fit_variance = rng.exponential(0.01, number), 1e-7 * rng.lognormal(0, 1, (number, 2))
+    first = np.sqrt(level + slope * unexplained + factor * fit_variance[:, 0])
     errors = rng.normal(0, np.stack([first, np.full(number, 3e-3)], axis=1))
-    return ReadAgain(errors, unexplained, curvature, np.full(number, 0.02))
+    return ReadAgain(errors, unexplained, fit_variance, np.full(number, 0.02))
 
 
 def test_variances_grow_with_what_is_unexplained():
@@ -26,18 +26,18 @@ def test_variances_grow_with_what_is_unexplained():
     found = ErrorModel.of([again])
     assert found.level[0] == pytest.approx(1e-7, abs=4e-8)
     assert found.slope[0] == pytest.approx(4e-4, rel=0.1)
-    assert found.share[0] * np.mean(again.curvature[:, 0]) < 2e-7
+    assert found.factor[0] * np.mean(again.fit_variance[:, 0]) < 2e-7
     low, high = found.deviation(np.array([0.0, 0.03]), np.full((2, 2), 1e-7))
     assert low[1] == pytest.approx(3e-3, rel=0.1) and high[1] == pytest.approx(3e-3, rel=0.15)
-    said = found.deviation(again.unexplained, again.curvature)
+    said = found.deviation(again.unexplained, again.fit_variance)
     assert np.std(again.error / said, axis=0) == pytest.approx([1, 1], abs=0.05)
 
 
 def test_variances_grow_with_what_the_curvature_of_the_fit_leaves():
     """As where a frame has something else in it, always, beside which nothing else that is unexplained shows."""
-    again = frames(1e-7, 0.0, share=20.0)
+    again = frames(1e-7, 0.0, factor=20.0)
     found = ErrorModel.of([again])
-    assert found.share[0] == pytest.approx(20.0, rel=0.15)
+    assert found.factor[0] == pytest.approx(20.0, rel=0.15)
     low, high = found.deviation(np.zeros(2), np.array([[0.0, 0.0], [1e-6, 1e-6]]))
     assert high[0] == pytest.approx(np.sqrt(1e-7 + 2e-5), rel=0.1) and low[0] < 0.25 * high[0]
 
