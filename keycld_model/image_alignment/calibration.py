@@ -68,10 +68,11 @@ def reading_error(
         poses: that were read off them.
         bank: drawings of the scene.
     """
+    none = np.zeros((0, scene.model.nq))
+    nothing = ReadAgain(none, np.zeros(0), none, np.zeros(0))
     known = [k for k, pose in enumerate(poses) if pose.readable]
     if not known:
-        none = np.zeros((0, scene.model.nq))
-        return ReadAgain(none, np.zeros(0), none, np.zeros(0))
+        return nothing
     frames, part = frames[known], slice(0, READ_AGAIN)
     drawn = np.stack([light.apply(scene.render(poses[k].q, look)) for k in known])
     q = np.array([poses[k].q for k in known])
@@ -82,13 +83,17 @@ def reading_error(
     error = np.array([pose.q for pose in again]) - q[part]
     error -= np.median(error, axis=0)  # whole turns among them
     pixels = STEP * np.abs(error / steps).max(axis=1)
-    good = [pose.readable for pose in again]
+    good, kept = [pose.readable for pose in again], [pose for pose in again if pose.readable]
+    if not kept:
+        return nothing
     first = [poses[k] for k in known[part]]
-    unexplained, fit_variance = (
-        of(again) * of(first).mean(axis=0) / np.maximum(of(again).mean(axis=0), 1e-30)
-        for of in (unexplained_by, fit_variance_of)
-    )
-    return ReadAgain(error[good], unexplained[good], fit_variance[good], pixels[good])
+    unexplained, fit_variance = (_as_of(of(first), of(kept)) for of in (unexplained_by, fit_variance_of))
+    return ReadAgain(error[good], unexplained, fit_variance, pixels[good])
+
+
+def _as_of(first: Array, again: Array) -> Array:
+    """What frames that were read again have, `[T]` or `[T, nq]`, with the mean of what they had at first."""
+    return again * first.mean(axis=0) / np.maximum(again.mean(axis=0), 1e-30)
 
 
 def unexplained_by(poses: Sequence[Pose]) -> Array:
