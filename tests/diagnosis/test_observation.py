@@ -55,9 +55,6 @@ class TipPosition:
     def predict(self, q: np.ndarray, v: np.ndarray, values) -> np.ndarray:
         return np.concatenate([(1 + values[0]) * np.sin(q + values[1]), np.cos(q + values[1])], axis=-1)
 
-    def derivative(self, nuisance: Nuisance) -> None:
-        return None
-
 
 @pytest.fixture(scope="module")
 def runs() -> list[Recording]:

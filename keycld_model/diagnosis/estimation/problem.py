@@ -83,12 +83,12 @@ class Problem:
         self, variants: Sequence[Variant], which: NDArray[np.int64], q: Array, v: Array, pushes: Array | None = None
     ) -> Array:
         """What the sensor shows of rollouts, `[P, W, n, m]`; NaN where one diverges. See `Simulator.at_samples`."""
-        observation, own = self.windows.observation, len(self.simulator.nuisances)
-        positions, velocities = self.simulator.at_samples(variants, which, self.windows, q, v, pushes)
-        shown = [
-            observation.predict(positions[p], velocities[p], variants[i].values[own:]) for p, i in enumerate(which)
-        ]
-        return np.stack(shown)
+        motions = zip(*self.simulator.at_samples(variants, which, self.windows, q, v, pushes), strict=True)
+        return np.stack([self._shown(variants[i], *motion) for i, motion in zip(which, motions, strict=True)])
+
+    def _shown(self, variant: Variant, q: Array, v: Array) -> Array:
+        """What the sensor shows of a motion, `[W, n, m]`."""
+        return self.windows.observation.predict(q, v, variant.values[len(self.simulator.nuisances) :])
 
     def predicted(self, point: Point) -> Array:
         """What the sensor shows at a point, `[W, n, m]`."""
@@ -152,7 +152,8 @@ class Problem:
             offsets[:, m] += 0.1 * spread
             hidden.append(replace(base, recording_offsets=offsets))
         variants = [base, *(variant for _, _, variant in shared_steps), *hidden]
-        residuals, states = self._roll([*variants, *(base.with_effects(*effects) for effects in extra)], point)
+        others = [base.with_effects(*effects) for effects in extra]
+        residuals, states, of_sensor = self._roll([*variants, *others], point)
         here, numbers = residuals[0], len(self.nuisances) + len(effect_parameters(base.effects))
         shared = np.zeros((*here.shape, numbers + recordings * len(spreads)))
         for (column, step, _), there in zip(shared_steps, residuals[1:], strict=False):
@@ -161,43 +162,32 @@ class Problem:
             at = numbers + self.windows.recording * len(spreads) + m
             shared[np.arange(len(here)), :, at] = (here - there) / (0.1 * spread)
         if not only_states:
-            self._add_constant_derivatives(shared)
+            shared[..., len(self.simulator.nuisances) : len(self.nuisances)] = of_sensor
         return Linearisation(here, states, shared), residuals[len(variants) :]
 
     def _steps(self, point: Point) -> list[tuple[int, float, Variant]]:
-        """Column, step and variant of each finite difference to a nuisance or parameter."""
+        """Column, step and variant of each finite difference to a nuisance of the simulator, or a parameter."""
         base, out, effects = point.variant, [], point.effects
-        for i, nuisance in enumerate(self.nuisances):
-            if self._constant_derivative(i) is None:
-                values = base.values.copy()
-                values[i] += nuisance.step
-                out.append((i, nuisance.step, replace(base, values=values)))
+        for i, nuisance in enumerate(self.simulator.nuisances):
+            out.append((i, nuisance.step, _moved(base, i, nuisance.step)))
         for k, parameter in enumerate(effect_parameters(effects)):
             step = parameter.step(effects)
             changed = with_parameter(effects, parameter, parameter.of(effects) + step)
             out.append((len(self.nuisances) + k, step, replace(base, effects=changed)))
         return out
 
-    def _constant_derivative(self, nuisance: int) -> Array | None:
-        """Of every sample to a nuisance of the sensor, `[m]`, if it is the same everywhere."""
-        if nuisance < len(self.simulator.nuisances):
-            return None
-        return self.windows.observation.derivative(self.nuisances[nuisance])
-
-    def _add_constant_derivatives(self, shared: Array) -> None:
-        """Fill the columns of nuisances that shift all samples alike."""
-        measured = np.isfinite(self.windows.measured)
-        for i in range(len(self.nuisances)):
-            if (derivative := self._constant_derivative(i)) is not None:
-                shared[..., i] = np.where(measured, derivative * self.inverse_noise, 0.0).reshape(len(shared), -1)
-
     def linearise_states(self, point: Point) -> tuple[Array, Array]:
         """Residuals `[W, r]`, and minus their derivative to initial states and offsets, `[W, r, 2 nv + J]`."""
-        residuals, states = self._roll([point.variant], point)
+        residuals, states, _ = self._roll([point.variant], point)
         return residuals[0], states
 
-    def _roll(self, variants: Sequence[Variant], point: Point) -> tuple[Array, Array]:
-        """Residuals `[V, W, r]` at the point's states, and minus the first's derivative to them, `[W, r, 2 nv + J]`."""
+    def _roll(self, variants: Sequence[Variant], point: Point) -> tuple[Array, Array, Array]:
+        """Residuals `[V, W, r]` at the point's states, and what minus the first ones change with.
+
+        Returns:
+            The residuals, and minus the derivatives of the first to states and offsets, `[W, r, 2 nv + J]`, and to
+            nuisances of the sensor, `[W, r, k]`; these need no other motion.
+        """
         nv, known, offsets = point.q.shape[1], len(variants), variants[0].window_offsets
         spreads = point.offset_spreads
         position_step, velocity_step, offset_steps = 1e-4, 1e-3, 1e-3 * spreads  # rad or m, per s, standard deviations
@@ -207,7 +197,21 @@ class Problem:
         for j in range(nv):
             q[known + j, :, j] += position_step
             v[known + nv + j, :, j] += velocity_step
-        residuals = self.whiten(self.predict([*variants, *moved], which, q, v))
+        every = [*variants, *moved]
+        motions = list(zip(*self.simulator.at_samples(every, which, self.windows, q, v), strict=True))
+        shown = [self._shown(every[i], *motion) for i, motion in zip(which, motions, strict=True)]
+        residuals = self.whiten(np.stack(shown))
         steps = np.concatenate([np.repeat([position_step, velocity_step], nv), offset_steps])[:, None, None]
         states = (residuals[0] - residuals[known:]) / steps
-        return residuals[:known], np.moveaxis(states, 0, -1)
+        of_sensor = np.zeros((*residuals.shape[1:], len(self.windows.observation.nuisances)))
+        for k, nuisance in enumerate(self.windows.observation.nuisances):
+            other = _moved(variants[0], len(self.simulator.nuisances) + k, nuisance.step)
+            of_sensor[..., k] = (residuals[0] - self.whiten(self._shown(other, *motions[0]))) / nuisance.step
+        return residuals[:known], np.moveaxis(states, 0, -1), of_sensor
+
+
+def _moved(variant: Variant, nuisance: int, step: float) -> Variant:
+    """A variant with another value of a nuisance."""
+    values = variant.values.copy()
+    values[nuisance] += step
+    return replace(variant, values=values)

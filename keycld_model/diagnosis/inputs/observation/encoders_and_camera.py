@@ -92,10 +92,6 @@ class EncodersAndCamera:
         first = self._encoders.predict(q, v, values[:of_encoders])
         return np.concatenate([first, self._camera.predict(q, v, values[of_encoders:])], axis=-1)
 
-    def derivative(self, nuisance: Nuisance) -> Array | None:
-        """Of a zero: one at its channel."""
-        return (np.arange(2 * self._joints) == nuisance.index).astype(float) if nuisance.kind == "zero" else None
-
 
 def joined(encoders: Recording, camera: Recording) -> Recording:
     """One recording of both, at the times of the slower sensor; the faster one is interpolated.

@@ -129,7 +129,3 @@ class JointPositions:
         if nuisance.kind == "skew":
             return np.cos(2 * at) - 1 if hinge else at**2
         return speed * (np.sin(at) if hinge else at)
-
-    def derivative(self, nuisance: Nuisance) -> Array | None:
-        """Of a zero: one at its joint."""
-        return (np.arange(len(self.names)) == nuisance.index).astype(float) if nuisance.kind == "zero" else None

@@ -75,7 +75,3 @@ class Observation(Protocol):
             values: of the nuisances.
         """
         ...
-
-    def derivative(self, nuisance: Nuisance) -> Array | None:
-        """Derivative of every sample to a nuisance, `[m]`, where it is constant; None where it is not."""
-        ...
