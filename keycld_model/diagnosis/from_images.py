@@ -151,7 +151,7 @@ def _diagnosed(
     usual = np.concatenate(positions.errors) ** -2.0
     typical = np.nanmean(np.where(np.concatenate(positions.readable)[:, None], usual, np.nan), axis=0) ** -0.5
     observation: Observation = JointPositions(
-        model, tracked=True, criteria=criteria, floor=typical * lasting, typical=typical
+        model, tracked=True, criteria=criteria, floor=typical * lasting, typical=typical, by_look=positions.by_look
     )
     if encoders:
         seen = [joined(own, read) for own, read in zip(every, seen, strict=True)]
@@ -191,8 +191,7 @@ def _camera(positions: Positions) -> dict[str, Estimate]:
     ):
         low, high = value - 1.645 * deviation, value + 1.645 * deviation
         numbers = [float(np.exp(x)) if parameter.factor else float(x) for x in (value, low, high)]
-        name = parameter.name if parameter.body is not None else f"camera: {parameter.name}"
-        out[name] = Estimate(numbers[0], parameter.unit, *numbers[1:])
+        out[parameter.label] = Estimate(numbers[0], parameter.unit, *numbers[1:])
     return out
 
 

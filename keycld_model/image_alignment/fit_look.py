@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import CAMERA
-from keycld_model.image_alignment.pose import FINEST, Pose, align, robust_weights
+from keycld_model.image_alignment.pose import FINEST, OUTLIER, Pose, align, robust_weights
 from keycld_model.image_alignment.scene import STEP, Scene, softened
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ class Look:
 
     Attributes:
         values: `[p]` of the scene's parameters.
-        deviation: `[p]` their standard deviations.
+        deviation: `[p]` their standard deviations, see `design_effect`.
         lights: of each recording.
         bank: drawings with these values.
     """
@@ -149,8 +149,23 @@ def _stepped(scene: Scene, state: _State, soft: float, blur: bool) -> _State:
     step *= min(1.0, LONGEST / float(np.abs(step / spread).max()))
     step[-1] = max(step[-1], -values[-1])
     samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
-    deviation, moves = np.sqrt(np.diag(np.linalg.inv(normal))), STEP * np.abs(step / scene.look_steps())
+    known = np.diag(1 / spread**2) + sum(part.normal for part in seen) / design_effect([part.left for part in seen])
+    deviation, moves = np.sqrt(np.diag(np.linalg.inv(known))), STEP * np.abs(step / scene.look_steps())
     return _State(values + step, deviation, lights, state.bank, samples, float(moves[: len(CAMERA)].max()))
+
+
+def design_effect(left: Sequence[Array]) -> float:
+    """Factor of the variance of what n frames tell, as they have in common some of what is left of them (Kish, 1965).
+
+    It is 1 + (n - 1) r with the intraclass correlation r of pixels: what compression, thin lines and the steps of
+    pixels do to a scene that stands still.
+
+    Args:
+        left: of each frame, `[pixels]`.
+    """
+    n, total = len(left), float(np.mean(np.square(left)))
+    common = float(np.mean(np.mean(left, axis=0) ** 2))
+    return max(1.0, n * common / max(total, 1e-30))  # 1 + (n - 1) r
 
 
 def _free(scene: Scene, samples: Sequence[Sample], blur: bool) -> NDArray[np.bool_]:
@@ -204,12 +219,14 @@ class _Linear:
     """The difference between one frame and its drawing, to first order: y - A look - B joints, whitened.
 
     Attributes:
+        left: `[pixels]` the difference, in robust standard deviations, no more than `OUTLIER` of them.
         normal: `[p, p]` of the look, joints and light eliminated.
         gradient: `[p]`.
         back: `[nq, p]` and `rest`: joints = rest - back look.
         rest: `[nq]`.
     """
 
+    left: Array
     normal: Array
     gradient: Array
     back: Array
@@ -237,6 +254,7 @@ class _Linear:
         free = y - basis @ (basis.T @ y), a - basis @ (basis.T @ a)  # what neither pose nor light explains
         ridge = triangle + 1e-9 * np.abs(triangle).max() * np.eye(len(triangle))
         return cls(
+            np.clip(left / scale, -OUTLIER, OUTLIER),
             free[1].T @ free[1],
             free[1].T @ free[0],
             np.linalg.solve(ridge, basis.T @ a)[: len(q)],

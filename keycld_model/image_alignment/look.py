@@ -32,6 +32,11 @@ class LookParameter:
     factor: bool = False
     body: int | None = None
 
+    @property
+    def label(self) -> str:
+        """Its name, and that it is the camera's if so."""
+        return self.name if self.body is not None else f"camera: {self.name}"
+
 
 CAMERA = ("right", "up", "zoom", "aspect", "roll")
 """The first parameters, those of `View`."""

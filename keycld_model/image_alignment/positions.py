@@ -29,6 +29,7 @@ from keycld_model.image_alignment.fit_look import STEPS, Look, fit_look
 from keycld_model.image_alignment.follow import follow, turning
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import LookParameter
+from keycld_model.image_alignment.look_errors import Change, LookErrors, change_by_look
 from keycld_model.image_alignment.pose import Pose
 from keycld_model.image_alignment.scene import Scene
 from keycld_model.turns import on_common_turns
@@ -39,6 +40,8 @@ FRAMES = 18
 """Frames that the look is fitted to."""
 TESTED = 4
 """Recordings of which some frames are drawn and read again, for their error."""
+CHANGED = 8
+"""Frames of a recording, or a few more, that tell what errors of the look do to positions."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,7 @@ class Positions:
         error: `[nq]` root mean square error of the positions, rad or m, from frames drawn at known positions.
         errors: of each recording, `[T, nq]` standard deviations of each frame's error, from the same.
         together: `[nq]` number of frames over which errors are correlated, one if they are not.
+        by_look: how far they are off where the look is; None where none was fitted, or no frame tells positions.
     """
 
     recordings: tuple[Recording, ...]
@@ -72,6 +76,7 @@ class Positions:
     error: Array
     errors: tuple[Array, ...]
     together: Array
+    by_look: LookErrors | None = None
 
     @property
     def trusted(self) -> float:
@@ -109,13 +114,15 @@ def read_positions(
             look = fit_look(scene, stills, films.spread(FRAMES), bank, partial(advance, 200 // STEPS))
             reader, parameters = _Reader(model, name, quality, look.values, look.bank), scene.parameters
         jobs = list(zip(look.lights, films.times, films.frames, strict=True))
-        followed = []
-        for poses in each(reader.follow, jobs, min(workers, len(jobs))):
+        followed, changes = [], []
+        for poses, of_look in each(reader.follow, jobs, min(workers, len(jobs))):
             followed.append(poses)
+            changes += of_look
             advance(len(poses))
         tested = [(jobs[r], followed[r]) for r in _spread(followed)]
         again = list(each(reader.error, tested, min(workers, len(tested))))
-    return _positions(recordings, model, films, followed, look, parameters, name, again)
+    by_look = LookErrors.of(parameters, look.deviation, turning(model), changes) if changes else None
+    return _positions(recordings, model, films, followed, look, parameters, name, again, by_look)
 
 
 def _spread(followed: Sequence[Sequence[Pose]]) -> NDArray[np.intp]:
@@ -135,10 +142,12 @@ class _Reader:
     look: Array
     bank: Bank
 
-    def follow(self, job: Job) -> list[Pose]:
-        """Poses of all frames."""
+    def follow(self, job: Job) -> tuple[list[Pose], list[Change]]:
+        """Poses of all frames, and what the look changes at some of them."""
         with self._scene(job) as scene:
-            return follow(scene, self.look, *job, self.bank)
+            poses = follow(scene, self.look, *job, self.bank)
+            known = [pose.q for pose in poses if pose.readable]
+            return poses, [change_by_look(scene, self.look, q) for q in known[:: max(1, len(known) // CHANGED)]]
 
     def error(self, read: tuple[Job, Sequence[Pose]]) -> ReadAgain:
         """Of positions that were read, see `reading_error`."""
@@ -172,6 +181,7 @@ def _positions(
     parameters: tuple[LookParameter, ...],
     camera: str,
     again: Sequence[ReadAgain],
+    by_look: LookErrors | None,
 ) -> Positions:
     """As recordings of joint positions."""
     explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
@@ -205,4 +215,5 @@ def _positions(
         np.sqrt(found.usual),
         errors,
         frames_together([part.error / found.deviation(part.unexplained, part.fit_variance) for part in again]),
+        by_look,
     )

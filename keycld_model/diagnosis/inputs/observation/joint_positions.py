@@ -11,6 +11,7 @@ from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.inputs.observation.checks import check_positions
 from keycld_model.diagnosis.inputs.observation.noise import estimate_noise
 from keycld_model.diagnosis.inputs.observation.nuisance import Nuisance
+from keycld_model.image_alignment.look_errors import LookErrors
 
 Array = NDArray[np.float64]
 UNITS = {
@@ -18,6 +19,8 @@ UNITS = {
     "slide": {"zero": "m", "squash": "1", "skew": "1/m", "shutter": "s/m"},
 }
 """Units of the errors of a position."""
+DEVIATIONS = "standard deviations"
+"""Unit of the error of a look's parameter."""
 
 
 class JointPositions:
@@ -25,7 +28,8 @@ class JointPositions:
 
     A camera that looks at the mechanism askew squashes its plane along some direction: to first order angles are off by
     sin 2q ("squash") and cos 2q ("skew"), and slides by q and q². A shutter that rolls across the image sees a joint
-    earlier or later by where it is ("shutter"). See `Observation` for the attributes.
+    earlier or later by where it is ("shutter"). A look that was fitted, of camera and links, is not quite right either
+    ("look"). See `Observation` for the attributes.
     """
 
     def __init__(
@@ -36,6 +40,7 @@ class JointPositions:
         criteria: Criteria = STANDARD,
         floor: Array | None = None,
         typical: Array | None = None,
+        by_look: LookErrors | None = None,
     ) -> None:
         """Of all joints of a model.
 
@@ -48,7 +53,9 @@ class JointPositions:
                 sample to sample.
             typical: `[nv]` standard deviation, rad or m, of samples that weigh one; others by their own (`qpos_std` of
                 recordings). None where all weigh the same.
+            by_look: how far positions are off where the look is with which they were read.
         """
+        self._by_look = by_look
         self._floor, self._typical = floor, typical
         self._model, self._tracked, self._criteria = model, tracked, criteria
         self._hinges = [bool(kind == mujoco.mjtJoint.mjJNT_HINGE) for kind in model.jnt_type]
@@ -64,12 +71,14 @@ class JointPositions:
         joints = range(len(self.names))
         wanted = [(j, "zero", self._criteria.spreads.zero) for j in joints]
         wanted += [(j, kind, spread) for j in joints for kind, spread in camera.items()]
-        return tuple(
+        of_joints = [
             Nuisance(
                 f"{kind} of {self.names[j]}", kind, j, spread, UNITS["hinge" if self._hinges[j] else "slide"][kind]
             )
             for j, kind, spread in wanted
-        )
+        ]
+        look = () if self._by_look is None else self._by_look.parameters
+        return (*of_joints, *(Nuisance(f"error of {p.label}", "look", k, 1.0, DEVIATIONS) for k, p in enumerate(look)))
 
     def calibrated(self, recordings: Sequence[Recording]) -> "JointPositions":
         """With the noise that recordings show.
@@ -81,7 +90,9 @@ class JointPositions:
         measured = [self.measured(recording) for recording in recordings]
         noise = estimate_noise(times, measured, [self.weights(recording) for recording in recordings])
         noise = noise if self._floor is None else np.maximum(noise, self._floor)
-        return JointPositions(self._model, noise, self._tracked, self._criteria, self._floor, self._typical)
+        return JointPositions(
+            self._model, noise, self._tracked, self._criteria, self._floor, self._typical, self._by_look
+        )
 
     def check(self, recording: Recording) -> None:
         """Positions of these joints, in rad or m, with few samples missing and no turn left out."""
@@ -115,7 +126,10 @@ class JointPositions:
         out = q.copy()
         with np.errstate(invalid="ignore"):  # a rollout that flies off is infinite; whoever asked sees it
             for nuisance, value in zip(self.nuisances, values, strict=True):
-                out[..., nuisance.index] += value * self._error(nuisance, q, v)
+                if nuisance.kind != "look":
+                    out[..., nuisance.index] += value * self._error(nuisance, q, v)
+            if self._by_look is not None:
+                out += self._by_look(q, np.asarray(values)[-len(self._by_look.parameters) :])
         return out
 
     def _error(self, nuisance: Nuisance, q: Array, v: Array) -> Array | float:
