@@ -52,6 +52,6 @@ def test_a_polynomial_tells_errors_of_the_look_at_other_positions():
 def test_what_all_frames_leave_alike_counts_once():
     rng = np.random.default_rng(1)
     noise, common = rng.normal(size=(24, 5000)), rng.normal(size=5000)
-    assert design_effect(noise) == pytest.approx(1.0, abs=0.1)
+    assert design_effect(list(noise)) == pytest.approx(1.0, abs=0.1)
     assert design_effect([common] * 24) == pytest.approx(24.0)
-    assert design_effect(noise + common) == pytest.approx(1 + 23 / 2, rel=0.1)
+    assert design_effect(list(noise + common)) == pytest.approx(1 + 23 / 2, rel=0.1)
