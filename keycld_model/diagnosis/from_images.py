@@ -17,6 +17,7 @@ from keycld_model.diagnosis.output.pictures import pictures
 from keycld_model.diagnosis.verdict.evidence import Evidence
 from keycld_model.diagnosis.verdict.report import Estimate, FitErrors, Report, Unexplained
 from keycld_model.image_alignment import Positions, read_positions
+from keycld_model.image_alignment.calibration import MOST_ASTRAY
 from keycld_model.learned_mjcf import LearnedMjcf, learned_mjcf
 from keycld_model.learned_positions import learned_positions
 from keycld_model.world_model import WorldModel
@@ -207,21 +208,31 @@ def _summary(positions: Positions) -> dict[str, object]:
         "explained": shares,
         "error": error,
         "frames_together": together,
+        "read_astray": round(positions.astray, 4),
     }
+
+
+def _why_distrusted(positions: Positions, criteria: Criteria) -> str:
+    """Half a sentence."""
+    if positions.astray > MOST_ASTRAY:
+        return (
+            f"{100 * positions.astray:.0f} % of the frames that were drawn at known positions are read elsewhere "
+            f"({100 * MOST_ASTRAY:.0f} % may be): the camera and the lengths that were fitted are wrong"
+        )
+    worst = min(range(len(positions.recordings)), key=lambda r: float(np.median(positions.explained[r])))
+    share, name = float(np.median(positions.explained[worst])), positions.recordings[worst].id
+    return (
+        f"Only {100 * positions.trusted:.0f} % of the frames show the simulator where it can be, "
+        f"{100 * criteria.trusted_frames:.0f} % are needed (in recording {name!r} its picture explains "
+        f"{100 * share:.0f} % of what moves): positions cannot be read off them"
+    )
 
 
 def _distrusted(
     positions: Positions, recordings: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria, remedy: str
 ) -> Report:
     """The report that names no physics, since the pictures are not the simulator's."""
-    worst = min(range(len(positions.recordings)), key=lambda r: float(np.median(positions.explained[r])))
-    share = float(np.median(positions.explained[worst]))
-    name, needed = positions.recordings[worst].id, 100 * criteria.trusted_frames
-    message = (
-        f"Only {100 * positions.trusted:.0f} % of the frames show the simulator where it can be, {needed:.0f} % are "
-        f"needed (in recording {name!r} its picture explains {100 * share:.0f} % of what moves): positions cannot be "
-        f"read off them, and nothing is said of physics. {remedy}"
-    )
+    message = f"{_why_distrusted(positions, criteria)}, and nothing is said of physics. {remedy}"
     none = float("nan")
     return Report(
         verdict="undetermined",

@@ -21,8 +21,8 @@ READ_AGAIN = 40
 """Frames of a recording that are read again."""
 ASTRAY = 1.0
 """Pixels; a position that is read so far from where it was drawn is that of something else."""
-REPEATED = 0.9
-"""Share of the frames drawn at known positions that must not be read astray."""
+MOST_ASTRAY = 0.1
+"""Share of the frames drawn at known positions that may be read astray."""
 APART = 1.0
 """Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least."""
 
@@ -154,10 +154,10 @@ def _likeliest(columns: Array, squares: Array, usual: float) -> Array:
     return out
 
 
-def repeatable(again: Sequence[ReadAgain]) -> bool:
-    """Whether what is drawn at known positions is read again there, mostly; if anything is drawn."""
+def read_astray(again: Sequence[ReadAgain]) -> float:
+    """Share of what is drawn at known positions that is read elsewhere; of nothing, none."""
     pixels = np.concatenate([part.pixels for part in again])
-    return not len(pixels) or float(np.mean(pixels < ASTRAY)) >= REPEATED
+    return float(np.mean(pixels >= ASTRAY)) if len(pixels) else 0.0
 
 
 def frames_together(errors: Sequence[Array]) -> Array:

@@ -16,12 +16,13 @@ from keycld_envs.rendering import Quality
 from keycld_envs.workers import each
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.calibration import (
+    MOST_ASTRAY,
     ErrorModel,
     ReadAgain,
     fit_variance_of,
     frames_together,
+    read_astray,
     reading_error,
-    repeatable,
     unexplained_by,
 )
 from keycld_model.image_alignment.films import Films, read_films
@@ -61,6 +62,8 @@ class Positions:
         error: `[nq]` root mean square error of the positions, rad or m, from frames drawn at known positions.
         errors: of each recording, `[T, nq]` standard deviations of each frame's error, from the same.
         together: `[nq]` number of frames over which errors are correlated, one if they are not.
+        astray: share of frames drawn at known positions that are read elsewhere; if it is more than `MOST_ASTRAY`, no
+            frame is readable.
         by_look: how far they are off where the look is; None where none was fitted, or no frame tells positions.
     """
 
@@ -76,6 +79,7 @@ class Positions:
     error: Array
     errors: tuple[Array, ...]
     together: Array
+    astray: float = 0.0
     by_look: LookErrors | None = None
 
     @property
@@ -185,7 +189,8 @@ def _positions(
 ) -> Positions:
     """As recordings of joint positions."""
     explained = tuple(np.array([pose.explained for pose in poses]) for poses in followed)
-    told = repeatable(again)
+    astray = read_astray(again)
+    told = astray <= MOST_ASTRAY
     readable = tuple(np.array([told and pose.readable for pose in poses]) for poses in followed)
     read = [
         np.where(good[:, None], [pose.q for pose in poses], np.nan)
@@ -215,5 +220,6 @@ def _positions(
         np.sqrt(found.usual),
         errors,
         frames_together([part.error / found.deviation(part.unexplained, part.fit_variance) for part in again]),
+        astray,
         by_look,
     )

@@ -9,7 +9,7 @@ from plants import recordings
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.image_alignment.calibration import EXACT, ErrorModel, ReadAgain, repeatable
+from keycld_model.image_alignment.calibration import EXACT, MOST_ASTRAY, ErrorModel, ReadAgain, read_astray
 
 
 def frames(level: float, slope: float, factor: float = 0.0, number: int = 4000) -> ReadAgain:
@@ -54,10 +54,10 @@ def test_positions_that_are_not_read_again_where_they_are_drawn_are_not_told():
         number = len(pixels)
         return ReadAgain(np.zeros((number, 1)), np.zeros(number), np.zeros((number, 1)), np.array(pixels))
 
-    assert repeatable([again(0.02, 0.1), again(), again(0.16)])
-    assert repeatable([again(*[0.1] * 39, 40.0)])  # a single frame of forty
-    assert not repeatable([again(*[0.1] * 30), again(*[2.0] * 10)])
-    assert repeatable([again()])  # no frame was readable
+    assert read_astray([again(0.02, 0.1), again(), again(0.16)]) == 0
+    assert 0 < read_astray([again(*[0.1] * 39, 40.0)]) < MOST_ASTRAY  # a single frame of forty
+    assert read_astray([again(*[0.1] * 30), again(*[2.0] * 10)]) == 0.25 > MOST_ASTRAY
+    assert read_astray([again()]) == 0  # no frame was readable
 
 
 def test_samples_weigh_by_their_own_errors():

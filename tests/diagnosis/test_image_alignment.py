@@ -15,7 +15,8 @@ from keycld_envs.recordings.crop import reduced
 from keycld_envs.rendering import View
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose_images
-from keycld_model.diagnosis.from_images import _mostly_seen
+from keycld_model.diagnosis.criteria import STANDARD
+from keycld_model.diagnosis.from_images import _mostly_seen, _why_distrusted
 from keycld_model.image_alignment import Positions, read_positions
 from keycld_model.image_alignment.films import LARGEST
 from keycld_model.image_alignment.light import Light
@@ -127,6 +128,20 @@ def test_the_stub_of_a_link_at_the_border_is_not_in_view():
     assert shares[0] == shares[2] == inside == 1.0
     assert 0 < shares[1] < 0.25
     assert shares[3] == 0.0
+
+
+def test_the_sentence_says_why_no_frame_is_believed():
+    none = np.zeros((0, 1))
+    shown, told = np.full(10, 0.9), np.zeros(10, bool)
+    known = {"joint_names": ("hinge",), "units": {"qpos": "rad"}, "qpos": np.zeros((10, 1))}
+    run = Recording(id="05", source="simulation", t_state=np.arange(10.0), **known)
+    read = Positions(
+        (run,), (none,), (shown,), (told,), (), none[0:0, 0], none[0:0, 0], "fixed", (64, 64), none, (none,), np.ones(1)
+    )
+    assert "Only 0 % of the frames show the simulator" in _why_distrusted(read, STANDARD)
+    assert "in recording '05' its picture explains 90 % of what moves" in _why_distrusted(read, STANDARD)
+    astray = _why_distrusted(replace(read, astray=0.25), STANDARD)
+    assert astray.startswith("25 % of the frames that were drawn at known positions are read elsewhere (10 % may be)")
 
 
 def test_recordings_that_hardly_show_the_mechanism_are_left_out():
