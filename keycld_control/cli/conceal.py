@@ -51,6 +51,7 @@ def run(args: Args) -> None:
     """Conceal, write, and say how large it is."""
     import numpy as np
 
+    from keycld_envs.command_limits import beyond_limits
     from keycld_envs.conceal import conceal
     from keycld_envs.errors import InputError
     from keycld_envs.files import one_writer
@@ -73,6 +74,8 @@ def run(args: Args) -> None:
         for recording in chosen:
             concealed[recording.id] = conceal(recording, model, effect)
             advance()
+    if cut := beyond_limits((c.recording for c in concealed.values()), model):
+        raise InputError(f"So that {effect.id} is concealed, {cut[0]}; conceal less of it, or in weaker commands.")
     hidden = np.mean([c.hidden for c in concealed.values()], axis=0).tolist()
     if not effect.observes and not any(hidden):
         known = ", ".join(f"--set {p.name}=NUMBER" for p in effect.parameters())

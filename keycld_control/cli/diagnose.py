@@ -203,6 +203,8 @@ def _print(report: "Report", args: Args) -> None:
 
     for line in report.details.get("dropped", ()):
         print(f"keycld: left out, because numbers ran away: {line}", file=sys.stderr)
+    for line in report.details.get("beyond_limits", ()):
+        print(f"keycld: {line}; give it another range, if the motor's is.", file=sys.stderr)
     if not_tried := report.details.get("not_tried"):
         print(f"keycld: after {args.budget:g} s, not tried: {', '.join(map(str, not_tried))}", file=sys.stderr)
     if args.json:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from keycld_envs.command_limits import beyond_limits
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
@@ -106,7 +107,8 @@ def diagnose(
     if observation is None:
         observation = JointPositions(model, tracked=tracked, criteria=criteria)
     report = _lacking(recordings, held_out, model, observation, criteria, spending, encoders)
-    own = {"not_tried": spending.not_tried, "tracked": tracked, **learned}
+    cut = beyond_limits([*recordings, *held_out], model)
+    own = {"not_tried": spending.not_tried, "tracked": tracked, "beyond_limits": cut, **learned}
     return replace(report, details={**report.details, **own})
 
 

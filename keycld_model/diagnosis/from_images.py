@@ -156,7 +156,8 @@ def _diagnosed(
     )
     if encoders:
         seen = [joined(own, read) for own, read in zip(every, seen, strict=True)]
-        observation = EncodersAndCamera(model, positions.error * lasting, criteria=criteria)
+        error = positions.error * lasting
+        observation = EncodersAndCamera(model, error, criteria=criteria, by_look=positions.by_look)
     parts = slice(training), slice(training, training + held_out), slice(training + held_out, None)
     now, test, before = (_mostly_seen(seen[part], positions.readable[part]) for part in parts)
     used = {r.id for r in (*now, *test, *before)}

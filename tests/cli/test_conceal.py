@@ -81,6 +81,7 @@ def test_all_recordings_by_default_and_a_table(data: str, tmp_path: Path, capsys
         ((*FRICTION, "--set", "b=-1"), "b=-1"),
         ((*FRICTION, "--set", "b=0.1", "--only", "c"), "'c'"),
         (("--effect", "end_stop", "--at", "hinge", "--set", "at=0.5"), "does nothing in these recordings"),
+        (("--effect", "constant_force", "--at", "hinge", "--set", "f=40"), "beyond its range of -3 to 3"),
         (("--effect", "added_inertia", "--at", "hinge", "--set", "i=0.1"), "a simulator in which it is another"),
     ],
 )

@@ -14,6 +14,7 @@ from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.inputs.observation.joint_positions import JointPositions
 from keycld_model.diagnosis.inputs.observation.noise import estimate_noise
 from keycld_model.diagnosis.inputs.observation.nuisance import Nuisance
+from keycld_model.image_alignment.look_errors import LookErrors
 from keycld_model.turns import on_turns_of
 
 Array = NDArray[np.float64]
@@ -28,7 +29,12 @@ class EncodersAndCamera:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, error: Array, noise: Array | None = None, criteria: Criteria = STANDARD
+        self,
+        model: mujoco.MjModel,
+        error: Array,
+        noise: Array | None = None,
+        criteria: Criteria = STANDARD,
+        by_look: LookErrors | None = None,
     ) -> None:
         """Of all joints of a model.
 
@@ -37,16 +43,19 @@ class EncodersAndCamera:
             error: `[nv]` that positions by the camera have at least, rad or m.
             noise: `[2 nv]`, rad or m; None if it is not known yet.
             criteria: how far off sensors may be.
+            by_look: how far positions by the camera are off where the look is with which they were read.
         """
         self._model, self._criteria, self._joints, self._error = model, criteria, model.njnt, error
+        self._by_look = by_look
         first, second = (None, None) if noise is None else np.split(noise, 2)
         self._encoders = JointPositions(model, first, criteria=criteria)
-        self._camera = JointPositions(model, second, tracked=True, criteria=criteria)
+        self._camera = JointPositions(model, second, tracked=True, criteria=criteria, by_look=by_look)
         self.names = (*self._encoders.names, *(name + SEEN for name in self._camera.names))
         self.units = self._encoders.units + self._camera.units
         self.noise: Array = np.concatenate([self._encoders.noise, self._camera.noise])
         self.nuisances: tuple[Nuisance, ...] = self._encoders.nuisances + tuple(
-            replace(n, name=n.name + SEEN, index=n.index + self._joints) for n in self._camera.nuisances
+            n if n.kind == "look" else replace(n, name=n.name + SEEN, index=n.index + self._joints)
+            for n in self._camera.nuisances
         )
 
     def calibrated(self, recordings: Sequence[Recording]) -> "EncodersAndCamera":
@@ -58,7 +67,7 @@ class EncodersAndCamera:
         times = [np.asarray(recording.t_state) for recording in recordings]
         noise = estimate_noise(times, [self.measured(recording) for recording in recordings])
         noise[self._joints :] = np.maximum(noise[self._joints :], self._error)
-        return EncodersAndCamera(self._model, self._error, noise, self._criteria)
+        return EncodersAndCamera(self._model, self._error, noise, self._criteria, self._by_look)
 
     def check(self, recording: Recording) -> None:
         """Both halves, as if each were a recording of its own."""
