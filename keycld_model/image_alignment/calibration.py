@@ -52,8 +52,9 @@ def reading_error(
     frames: NDArray[np.uint8],
     poses: Sequence[Pose],
     bank: Bank,
+    since: float,
 ) -> ReadAgain:
-    """Errors in the first readable frames of a recording (a bootstrap of residuals).
+    """Errors in consecutive readable frames of a recording (a bootstrap of residuals).
 
     The positions that were read are drawn with the look and the light that were fitted, get what another frame shows
     beside its own drawing, and are read again. The other frame is the one whose positions are nearest, but for those
@@ -67,17 +68,19 @@ def reading_error(
         frames: `[T, H, W, 3]`.
         poses: that were read off them.
         bank: drawings of the scene.
+        since: where these frames are in the recording, 0 if they are its first ones, 1 if its last.
     """
     none = np.zeros((0, scene.model.nq))
     nothing = ReadAgain(none, np.zeros(0), none, np.zeros(0))
     known = [k for k, pose in enumerate(poses) if pose.readable]
     if not known:
         return nothing
-    frames, part = frames[known], slice(0, READ_AGAIN)
+    first = round(since * max(0, len(known) - READ_AGAIN))
+    frames, part = frames[known], slice(first, first + READ_AGAIN)
     drawn = np.stack([light.apply(scene.render(poses[k].q, look)) for k in known])
     q = np.array([poses[k].q for k in known])
     steps = np.array([scene.joint_steps(at, look) for at in q[part]])
-    others = [_nearest(q, k, own) for k, own in enumerate(steps)]
+    others = [_nearest(q, first + k, own) for k, own in enumerate(steps)]
     shown = drawn[part] + frames[others] - drawn[others]
     again = follow(scene, look, light, times[known][part], np.clip(np.round(shown), 0, 255).astype(np.uint8), bank)
     error = np.array([pose.q for pose in again]) - q[part]
@@ -86,8 +89,8 @@ def reading_error(
     good, kept = [pose.readable for pose in again], [pose for pose in again if pose.readable]
     if not kept:
         return nothing
-    first = [poses[k] for k in known[part]]
-    unexplained, fit_variance = (_as_of(of(first), of(kept)) for of in (unexplained_by, fit_variance_of))
+    before = [poses[k] for k in known[part]]
+    unexplained, fit_variance = (_as_of(of(before), of(kept)) for of in (unexplained_by, fit_variance_of))
     return ReadAgain(error[good], unexplained, fit_variance, pixels[good])
 
 

@@ -123,7 +123,9 @@ def read_positions(
             followed.append(poses)
             changes += of_look
             advance(len(poses))
-        tested = [(jobs[r], followed[r]) for r in _spread(followed)]
+        spread = _spread(followed)
+        places = np.linspace(0, 1, len(spread))  # released mechanisms are slow at first
+        tested = [(jobs[r], followed[r], since) for r, since in zip(spread, places, strict=True)]
         again = list(each(reader.error, tested, min(workers, len(tested))))
     by_look = LookErrors.of(parameters, look.deviation, turning(model), changes) if changes else None
     return _positions(recordings, model, films, followed, look, parameters, name, again, by_look)
@@ -153,11 +155,11 @@ class _Reader:
             known = [pose.q for pose in poses if pose.readable]
             return poses, [change_by_look(scene, self.look, q) for q in known[:: max(1, len(known) // CHANGED)]]
 
-    def error(self, read: tuple[Job, Sequence[Pose]]) -> ReadAgain:
+    def error(self, read: tuple[Job, Sequence[Pose], float]) -> ReadAgain:
         """Of positions that were read, see `reading_error`."""
-        job, poses = read
+        job, poses, since = read
         with self._scene(job) as scene:
-            return reading_error(scene, self.look, *job, poses, self.bank)
+            return reading_error(scene, self.look, *job, poses, self.bank, since)
 
     def _scene(self, job: Job) -> Scene:
         height, width = job[2].shape[1:3]
