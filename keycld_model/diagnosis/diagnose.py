@@ -83,7 +83,7 @@ def diagnose(
             `details` then has what was not tried.
 
     Returns:
-        The report.
+        The report; `details["beyond_limits"]` tells of commands that the simulator cuts off.
 
     Raises:
         InputError: if there are both `tracked` and `observation`, if the recordings do not suit the model, or nothing
@@ -97,18 +97,19 @@ def diagnose(
             "A baseline is compared by positions of encoders, and parts of the recordings are held out by themselves; "
             "leave out held_out, tracked and observation."
         )
-    learned = {"not_asked": not_asked(model)} if learned_dynamics(model) is not None else {}
+    about: dict[str, object] = {"beyond_limits": beyond_limits([*recordings, *held_out, *baseline], model)}
+    if learned_dynamics(model) is not None:
+        about["not_asked"] = not_asked(model)
     if baseline:
         report = _changed(recordings, baseline, model, criteria, spending)
-        return replace(report, details={**report.details, "not_tried": spending.not_tried, **learned})
+        return replace(report, details={**report.details, "not_tried": spending.not_tried, **about})
     if tracked and observation is not None:
         raise InputError("tracked is of joint positions, but an observation is handed in; hand in one of them.")
     encoders = not tracked and observation is None
     if observation is None:
         observation = JointPositions(model, tracked=tracked, criteria=criteria)
     report = _lacking(recordings, held_out, model, observation, criteria, spending, encoders)
-    cut = beyond_limits([*recordings, *held_out], model)
-    own = {"not_tried": spending.not_tried, "tracked": tracked, "beyond_limits": cut, **learned}
+    own = {"not_tried": spending.not_tried, "tracked": tracked, **about}
     return replace(report, details={**report.details, **own})
 
 
