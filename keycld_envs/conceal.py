@@ -74,7 +74,7 @@ def _check(recording: Recording, model: mujoco.MjModel, effect: Effect) -> None:
         )
     if recording.qpos.shape[1] != model.nq:
         raise InputError(f"{who} has {recording.qpos.shape[1]} joints, the simulator has {model.nq}.")
-    if recording.action is None and not effect.observes:
+    if (recording.action is None or not recording.action.shape[1]) and not effect.observes:
         raise InputError(f"{who} has no commands (action), in which {effect.id} could be concealed.")
     if recording.action is not None and recording.action.shape[1] != model.nu:
         raise InputError(f"{who} has {recording.action.shape[1]} actions, the simulator has {model.nu} actuators.")

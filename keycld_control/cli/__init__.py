@@ -37,6 +37,16 @@ SOON = 0.02
 _pressed = threading.Event()
 READER_LEFT = 141
 """Exit code of a program that SIGPIPE ends, 128 + 13."""
+UNWRITABLE = (
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+    errno.ENOSPC,
+    errno.EEXIST,
+    errno.ENOTDIR,
+    errno.ENAMETOOLONG,
+)
+"""Errors of files that another place, or room, remedies."""
 
 
 def console() -> NoReturn:
@@ -158,7 +168,7 @@ def _run(words: list[str]) -> int:
         print(f"keycld: {error}", file=sys.stderr)
         return 2
     except OSError as error:
-        if error.errno not in (errno.EACCES, errno.EROFS, errno.ENOSPC, errno.EEXIST, errno.ENOTDIR):
+        if error.errno not in UNWRITABLE:
             raise
         what = f"{error.filename or 'The disk'} cannot be written: {error.strerror}"
         print(f"keycld: {what}; name another place, or make room there.", file=sys.stderr)

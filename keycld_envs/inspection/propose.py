@@ -79,7 +79,7 @@ def _check(mjcf: Path, model: mujoco.MjModel) -> None:
     for body in range(1, model.nbody):
         if model.body_jntnum[body] and not model.body(body).name:
             raise InputError(f'{mjcf}: a body with a joint has no name; write <body name="...">.')
-    if not model.ncam or not model.camera(0).name:
+    if not any(model.camera(i).name for i in range(model.ncam)):
         raise InputError(
             f"{mjcf} has no camera with a name; write one that looks along the joints' axis into <worldbody>, "
             'such as <camera name="front" pos="0 -5 0" zaxis="0 -1 0"/>.'
@@ -101,7 +101,8 @@ def _add(model: mujoco.MjModel, data: mujoco.MjData, camera: str, body: int, fou
     joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
     hinges = [j for j in joints if model.jnt_type[j] == HINGE]
     anchor = data.xanchor[joints[-1]]
-    position = _far(model, data, body, anchor) if hinges else anchor
+    following = _next_joints(model, data, body)
+    position = _far(model, data, body, anchor) if hinges else [*following, anchor][0]
     k, parent = len(found.landmarks), found.keypoint_of.get(_moving_parent(model, body))
     local = data.xmat[body].reshape(3, 3).T @ (position - data.xpos[body])
     found.landmarks.append(f"Landmark({model.body(body).name!r}, {_numbers(local)})")
@@ -126,13 +127,17 @@ def _moving_parent(model: mujoco.MjModel, body: int) -> int:
     return parent
 
 
+def _next_joints(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> list[NDArray[np.float64]]:
+    """Where links are joined to a body, [3] each, m."""
+    children = [c for c in range(1, model.nbody) if model.body_jntnum[c] and _moving_parent(model, c) == body]
+    return [data.xanchor[model.body_jntadr[child]].copy() for child in children]
+
+
 def _far(model: mujoco.MjModel, data: mujoco.MjData, body: int, anchor: NDArray[np.float64]) -> NDArray[np.float64]:
     """[3] where the next link is joined, or the end of the geometry that is farthest from the joint, m."""
-    for child in range(1, model.nbody):
-        if model.body_jntnum[child] and _moving_parent(model, child) == body:
-            joint = data.xanchor[model.body_jntadr[child]]
-            if np.linalg.norm(joint - anchor) > SAME:
-                return joint.copy()
+    for joint in _next_joints(model, data, body):
+        if np.linalg.norm(joint - anchor) > SAME:
+            return joint
     ends = [data.xipos[body]]
     for geom in np.flatnonzero(model.geom_bodyid == body):
         axis = data.geom_xmat[geom].reshape(3, 3)[:, 2]
@@ -144,7 +149,8 @@ def _far(model: mujoco.MjModel, data: mujoco.MjData, body: int, anchor: NDArray[
 def _rest(model: mujoco.MjModel) -> NDArray[np.float64]:
     """[nq] where the mechanism comes to rest when it is damped, rad or m."""
     damped, data = copy.copy(model), mujoco.MjData(model)
-    damped.dof_damping[:] = np.maximum(damped.dof_damping, DAMPING * model.dof_M0)
+    damped.dof_damping[:] = DAMPING * model.dof_M0
+    damped.dof_frictionloss[:] = 0.0  # it would come to rest anywhere
     damped.opt.timestep = min(damped.opt.timestep, 0.005)
     data.qpos[:] = np.where(model.jnt_type == HINGE, 0.5, 0.0)
     for _ in range(round(SETTLING / damped.opt.timestep)):

@@ -141,7 +141,7 @@ class Recording:
         Raises:
             InputError: if the first action comes after the first of `times`.
         """
-        if self.action is None or self.t_action is None:
+        if self.action is None or self.t_action is None or not self.action.shape[1]:
             return np.zeros((len(times) - 1, 0))
         if times[0] < self.t_action[0] - 1e-9:
             raise InputError(

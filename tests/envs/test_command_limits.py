@@ -25,3 +25,10 @@ def test_a_motor_without_limits_may_be_told_anything():
     model = get_system("pendulum").compile()
     model.actuator_ctrllimited[:] = 0
     assert not beyond_limits([told("a", 99.0)], model)
+
+
+def test_a_mechanism_without_motors_has_means_of_no_commands():
+    still = {"t_state": np.arange(5.0), "qpos": np.zeros((5, 1)), "joint_names": ("hinge",)}
+    times, units = np.arange(5.0), {"qpos": "rad", "action": ()}
+    run = Recording(id="a", source="simulation", units=units, t_action=times, action=np.zeros((5, 0)), **still)
+    assert run.mean_actions(times).shape == (4, 0)

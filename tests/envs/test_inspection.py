@@ -129,3 +129,28 @@ def test_joints_that_start_outside_the_image(tmp_path: Path) -> None:
     system = proposed(tmp_path, TWO_POLES)
     wide = replace(system, joints=(Joint("rail", "slide", (-4.0, 4.0)), *system.joints[1:]))
     assert "out of the image" in inspect(wide).problems[0]
+
+
+OFF_CENTRE = """<mujoco>
+  <option><flag contact="disable"/></option>
+  <worldbody>
+    <light pos="0 -3 3"/><camera pos="0 0 4"/><camera name="side" pos="0 -4 0" zaxis="0 -1 0"/>
+    <body name="cart">
+      <joint name="rail" type="slide" axis="1 0 0"/><geom type="box" size=".15 .1 .08" mass="1"/>
+      <body name="pole" pos="0 0 .08">
+        <joint name="hinge" axis="0 1 0" frictionloss=".4" damping="1e5"/>
+        <geom type="capsule" fromto="0 0 0 0 0 .5" size=".03" mass=".3" rgba="1 0 0 1"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="push" joint="rail" gear="4" ctrlrange="-1 1"/></actuator>
+</mujoco>"""
+
+
+@pytest.mark.render
+def test_a_pole_off_the_carts_origin_with_friction_and_a_nameless_camera(tmp_path: Path) -> None:
+    system = proposed(tmp_path, OFF_CENTRE)
+    assert system.camera == "side"
+    assert system.landmarks[0].position == pytest.approx((0, 0, 0.08))  # where the pole is hinged
+    assert system.hanging_qpos == pytest.approx((0, math.pi), abs=1e-3)
+    assert inspect(system).problems == ()
