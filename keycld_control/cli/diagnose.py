@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from keycld_model.diagnosis import Report, Source
     from keycld_model.diagnosis.verdict.report import Finding
 
+WRITTEN = ("report.json", "report.html", "corrected.xml", "corrected_model")
+"""In the folder of a report."""
+
 
 @dataclass(frozen=True)
 class Args:
@@ -64,6 +67,8 @@ def run(args: Args) -> int:
     keep_compiled()
     from keycld_envs.recordings import read_dataset
 
+    if args.out is not None:
+        _check_out(args.out)
     recordings = read_dataset(args.recordings).recordings
     held_out = read_dataset(args.held_out).recordings if args.held_out else ()
     baseline = read_dataset(args.baseline).recordings if args.baseline else ()
@@ -75,6 +80,20 @@ def run(args: Args) -> int:
         report = _write(report, simulator, args.out)
     _print(report, args)
     return report.exit_code
+
+
+def _check_out(out: Path) -> None:
+    """Refuse a folder in which the report would replace what no diagnosis wrote."""
+    from keycld_envs.errors import InputError
+    from keycld_envs.reading import read_json
+
+    there = [out / name for name in WRITTEN if (out / name).exists()]
+    try:
+        own = "verdict" in read_json(out / WRITTEN[0])
+    except (OSError, ValueError, TypeError):
+        own = False
+    if there and not own:
+        raise InputError(f"{there[0]} was not written by a diagnosis; choose another folder.")
 
 
 def _diagnosed(

@@ -10,8 +10,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.reading import read_json
 from keycld_model.checkpoint import META
 from keycld_model.training import log
-
-STATE = "state"
+from keycld_model.training.folder import STATE
 
 
 @dataclass(frozen=True)

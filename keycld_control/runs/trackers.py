@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from keycld_envs.optional import optional
 from keycld_model import WorldModel
+from keycld_model.training.folder import TRACKED
 
 Program = Literal["tensorboard", "wandb", "trackio"]
 PROJECT = "keycld"
@@ -48,7 +49,7 @@ def tracker(program: Program, folder: Path, about: Mapping[str, Any]) -> Iterato
         InputError: if the program's package is not installed.
     """
     if program == "tensorboard":
-        writer = optional("tensorboardX", "tensorboard", "Logs for TensorBoard").SummaryWriter(str(folder / program))
+        writer = optional("tensorboardX", "tensorboard", "Logs for TensorBoard").SummaryWriter(str(folder / TRACKED))
         with writer:
             yield Tracker(lambda step, numbers: _add_all(writer, step, numbers))
         return

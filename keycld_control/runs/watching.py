@@ -8,6 +8,7 @@ from typing import Any
 from keycld_control.runs.page import TrainingPage
 from keycld_control.runs.trackers import Program, tracker
 from keycld_envs.recordings import Dataset
+from keycld_model.training.folder import check_run_folder
 from keycld_model.training.watch import Watcher
 
 
@@ -29,8 +30,9 @@ def watching(
         test: recordings that are held out, of which the page shows the first; None for a joint model.
 
     Raises:
-        InputError: if the program's package is not installed.
+        InputError: if the program's package is not installed, or the folder holds anything but a run.
     """
+    check_run_folder(folder)
     title = f"Training {folder.name}: " + ", ".join(f"{name} {value}" for name, value in about.items())
     page = TrainingPage(folder, title, steps, test)
     if program is None:

@@ -14,6 +14,8 @@ from keycld_envs.systems import System
 POSES = 200
 MOST_TURNS = 2.0
 """Turns either way beyond which angles are degrees."""
+LEANING = 0.01
+"""rad or m by which a mechanism that rests against the end of a joint's range presses into it."""
 TOUCHING = 0.05
 """Fraction of random poses in which bodies may touch before it is said that no model here knows contact."""
 
@@ -77,7 +79,8 @@ def _ranges(system: System, model: mujoco.MjModel) -> list[str]:
     for i in np.flatnonzero(model.jnt_limited):
         low, high = model.jnt_range[i]
         for name, numbers in _declared(system, int(i)):
-            if min(numbers) < low - 1e-9 or max(numbers) > high + 1e-9:
+            beyond = LEANING if name == "hanging_qpos" else 1e-9
+            if min(numbers) < low - beyond or max(numbers) > high + beyond:
                 degrees = ', in which degrees are meant unless it has <compiler angle="radian"/>'
                 found.append(
                     f"{name} of joint {system.joints[i].name!r} lies outside its range in the MJCF, {low:.3g} to "

@@ -3,16 +3,18 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.inspection.poses import PIXEL, Poses
-from keycld_envs.mechanism import Mechanism, Rod
+from keycld_envs.mechanism import Mechanism, Rod, Slider
 
 RIGID = 0.5 * PIXEL
 """Image units by which a constraint may vary, half a pixel: more than perspective and less than any motion."""
 SHORTEST = 2 * PIXEL
 """Image units; the direction of a shorter rod is lost in pixels."""
+HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 RANK = 1e-6
 """Of the greatest singular value, below which one counts as zero."""
 
@@ -77,6 +79,9 @@ def problems(poses: Poses) -> Iterator[str]:
         if not value.constant:
             wrong = True
             yield _leaving_rail(poses, slider.keypoint, value)
+        elif max(-value.least, value.most) > RIGID:
+            wrong = True
+            yield _beside_pivot(poses, slider, value)
     if not wrong:
         yield from _freedom(poses)
 
@@ -87,8 +92,50 @@ def _changing_rod(poses: Poses, rod: Rod, value: Value) -> str:
         f"{value.name} is not rigid: it is {value.least:.2f} to {value.most:.2f} image units long over random poses; "
     )
     if rod.start is None and (centre := _centre(poses.keypoints[:, rod.end])) is not None:
-        return f"{says}keypoint {rod.end} turns about pivot=({centre[0]:.3f}, {centre[1]:.3f})."
+        about = f"keypoint {rod.end} turns about pivot=({centre[0]:.3f}, {centre[1]:.3f})"
+        if held := [other for other in poses.system.mechanism.rods if other != rod and _about_pivot(poses, other)]:
+            return (
+                f"{says}{about}, but keypoint {held[0].end} about the one that is declared; a mechanism has one pivot, "
+                "so both cannot be declared together."
+            )
+        return f"{says}{about}."
+    if (joint := _hinge(poses, rod)) is not None:
+        return f"{says}keypoint {rod.end} turns about {joint}; put a keypoint there, and let the rod begin at it."
     return f"{says}connect keypoints whose distance does not change, or leave it out."
+
+
+def _about_pivot(poses: Poses, rod: Rod) -> bool:
+    """Whether a rod leads from the pivot to a keypoint that turns about it."""
+    if rod.start is not None:
+        return False
+    return bool(np.ptp(np.linalg.norm(poses.keypoints[:, rod.end] - poses.system.mechanism.pivot, axis=1)) <= RIGID)
+
+
+def _hinge(poses: Poses, rod: Rod) -> str | None:
+    """The joint that the end of a rod turns about, if it is on the body of the rod's start, and where it is there."""
+    if rod.start is None:
+        return None
+    model, data = poses.model, mujoco.MjData(poses.model)
+    start, end = (model.body(poses.system.landmarks[k].body) for k in (rod.start, rod.end))
+    if int(end.parentid[0]) != start.id or int(end.jntnum[0]) != 1 or model.jnt_type[end.jntadr[0]] != HINGE:
+        return None
+    mujoco.mj_forward(model, data)
+    x, y, z = data.xmat[start.id].reshape(3, 3).T @ (data.xanchor[end.jntadr[0]] - data.xpos[start.id])
+    return (
+        f"joint {model.joint(end.jntadr[0]).name!r}, which is at Landmark({start.name!r}, ({x:.4g}, {y:.4g}, {z:.4g}))"
+    )
+
+
+def _beside_pivot(poses: Poses, slider: Slider, value: Value) -> str:
+    """What to say of a slider whose rail does not lead through the pivot."""
+    offset, pivot = (value.least + value.most) / 2, np.array(poses.system.mechanism.pivot)
+    x, y = pivot + offset * np.array(slider.normal) / np.linalg.norm(slider.normal)
+    others = [f"keypoint {s.keypoint}" for s in poses.system.mechanism.sliders if s != slider]
+    others += [f"keypoint {r.end}" for r in poses.system.mechanism.rods if r.start is None]
+    says = f"The rail of keypoint {slider.keypoint} lies {abs(offset):.2f} image units beside the pivot"
+    if others:
+        return f"{says}, which {others[0]} needs where it is; rails lead through the one pivot of a mechanism."
+    return f"{says}; with pivot=({x:.3f}, {y:.3f}) it leads through it."
 
 
 def _centre(points: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -126,7 +173,12 @@ def _freedom(poses: Poses) -> Iterator[str]:
             f"The keypoints show {rank} of the {len(joints)} degrees of freedom of the joints "
             f"({', '.join(j.name for j in joints)}); add a keypoint on the body that the others do not tell."
         )
-    elif (declared := mechanism.degrees_of_freedom) > rank:
+    elif (declared := mechanism.degrees_of_freedom) > rank and (riding := _riding(poses.model)) is not None:
+        yield (
+            f"Joint {riding!r} slides on a body that moves, which rods and sliders cannot say: the mechanism has "
+            f"{declared} degrees of freedom, its joints have {rank}; no world model can be declared for it."
+        )
+    elif declared > rank:
         yield (
             f"The mechanism has {declared} degrees of freedom, its {len(joints)} joints have {rank}; declare "
             f"{declared - rank} more of rods and sliders, or one keypoint less."
@@ -136,3 +188,12 @@ def _freedom(poses: Poses) -> Iterator[str]:
             f"The mechanism has {declared} degrees of freedom, its joints have {rank}; leave out {rank - declared} of "
             "its rods and sliders, which hold what others hold already."
         )
+
+
+def _riding(model: mujoco.MjModel) -> str | None:
+    """A slide joint on a body that other joints move, by name."""
+    for joint in np.flatnonzero(model.jnt_type == SLIDE):
+        parent = int(model.body_parentid[model.jnt_bodyid[joint]])
+        if model.body_dofnum[parent] or model.body_weldid[parent]:
+            return str(model.joint(int(joint)).name)
+    return None

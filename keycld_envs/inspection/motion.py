@@ -26,6 +26,8 @@ DRIFT = 0.2
 """rad or m within a second, from a hundredth beside `hanging_qpos`; beyond, it is no stable equilibrium."""
 ACCELERATION = 0.05
 """rad/s² or m/s² at `hanging_qpos`; beyond, it is no equilibrium."""
+SAME_POSE = 0.01
+"""rad or m; a target that is less away from rest is no task."""
 SPARE = 0.1
 """Share of half a motor's range that should be left when it holds the target."""
 HALVINGS = 8
@@ -126,6 +128,8 @@ def problems(system: System, poses: Poses, found: tuple[Actuator, ...]) -> Itera
 def advice(system: System, seed: int, poses: Poses, usual: Speed) -> Iterator[str]:
     """What makes the target hard to hold, and how to record what is too fast or slow by default, a sentence each."""
     yield from _hard_to_hold(poses)
+    if system.actuators and np.abs(np.subtract(system.target_qpos, system.hanging_qpos)).max() < SAME_POSE:
+        yield "target_qpos is hanging_qpos, where the mechanism is without any action; name where it should swing to."
     if usual.travel < SLOWEST:
         yield (
             f"Keypoints move {usual.travel:.1f} pixels within {FRAMES} frames, which is little to learn from; record "

@@ -3,7 +3,7 @@
 import copy
 import math
 import os
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
+from keycld_envs.inspection.tree import HINGE, SLIDE, Tree
 from keycld_envs.mjcf import check_document, refused
-from keycld_envs.projection import world_to_image
 
-HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-LONG = int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 SLIDE_RANGE = 0.5
 """m to both sides, of a slide joint without limits."""
 INSIDE = 0.5
@@ -24,33 +22,25 @@ STEP = 0.01
 """Seconds from frame to frame, or the nearest multiple of the document's time step."""
 DAMPING, SETTLING = 3.0, 30.0
 """1/s, of every joint as a multiple of its inertia, and seconds, in which the mechanism comes to rest."""
-SAME = 1e-3
-"""m; anchors closer than that are at one place."""
-
-
-@dataclass
-class _Proposal:
-    """What is put together while going through the bodies."""
-
-    landmarks: list[str] = field(default_factory=list)
-    rods: list[str] = field(default_factory=list)
-    sliders: list[str] = field(default_factory=list)
-    pivot: tuple[float, float] | None = None
-    keypoint_of: dict[int, int] = field(default_factory=dict)
+DIGITS, ROUNDING = 5, 1e-5
+"""Of the numbers that are written, after the point; and what that may leave out."""
+NEAR = 0.01
+"""rad; angles that differ by less are the same for the one who swings something up."""
 
 
 def proposal(mjcf: Path, beside: Path) -> str:
     """The text of a Python file that declares a system for an MJCF file, to be checked and changed.
 
-    One keypoint for each body that moves: where the next link begins, or at the far end of the last one. A rod for each
-    hinge, a slider for each slide joint on the ground.
+    One keypoint for each body that moves, where the next link begins, or at the far end of the last one, and one more
+    for each other place where links are joined. A rod for each hinge, a slider for each slide joint on the ground.
 
     Args:
         mjcf: the document.
         beside: where the text will stand; the document's path is written relative to it.
 
     Raises:
-        InputError: if it does not compile, or has no joint, an unnamed one, or no camera.
+        InputError: if it does not compile, has no joint, an unnamed one, or no camera, or if rods and sliders cannot
+            say how its bodies move.
     """
     check_document(mjcf)
     try:
@@ -58,13 +48,11 @@ def proposal(mjcf: Path, beside: Path) -> str:
     except ValueError as error:
         raise refused(str(mjcf), error) from error
     _check(mjcf, model)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    camera, found = _camera(model, data), _Proposal()
-    for body in range(1, model.nbody):
-        if model.body_jntnum[body]:
-            _add(model, data, camera, body, found)
-    return _text(model, camera, found, os.path.relpath(mjcf.resolve(), beside.resolve().parent))
+    try:
+        tree = Tree.of(model, _camera(model))
+    except InputError as error:
+        raise InputError(f"{mjcf}: {error}") from error
+    return _text(tree, os.path.relpath(mjcf.resolve(), beside.resolve().parent))
 
 
 def _check(mjcf: Path, model: mujoco.MjModel) -> None:
@@ -86,64 +74,16 @@ def _check(mjcf: Path, model: mujoco.MjModel) -> None:
         )
 
 
-def _camera(model: mujoco.MjModel, data: mujoco.MjData) -> str:
+def _camera(model: mujoco.MjModel) -> str:
     """The camera that looks most nearly along the hinges, or across the slides."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
     axes = data.xaxis[model.jnt_type == HINGE]
     views = data.cam_xmat.reshape(-1, 3, 3)[:, :, 2]
     named = [i for i in range(model.ncam) if model.camera(i).name]
     if not len(axes):
         return model.camera(min(named, key=lambda i: np.abs(data.xaxis @ views[i]).max())).name
     return model.camera(max(named, key=lambda i: np.abs(axes @ views[i]).min())).name
-
-
-def _add(model: mujoco.MjModel, data: mujoco.MjData, camera: str, body: int, found: _Proposal) -> None:
-    """Keypoint and constraints of one body."""
-    joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
-    hinges = [j for j in joints if model.jnt_type[j] == HINGE]
-    anchor = data.xanchor[joints[-1]]
-    following = _next_joints(model, data, body)
-    position = _far(model, data, body, anchor) if hinges else [*following, anchor][0]
-    k, parent = len(found.landmarks), found.keypoint_of.get(_moving_parent(model, body))
-    local = data.xmat[body].reshape(3, 3).T @ (position - data.xpos[body])
-    found.landmarks.append(f"Landmark({model.body(body).name!r}, {_numbers(local)})")
-    found.keypoint_of[body] = k
-    if parent is None and found.pivot is None:
-        x, y = world_to_image(model, data, anchor, camera, 64, 64)
-        found.pivot = (float(x), float(y))
-    if hinges and len(joints) == 1:
-        found.rods.append(f"Rod({parent}, {k})")
-    elif not hinges and len(joints) == 1 and parent is None:
-        ends = np.array([anchor, anchor + 0.1 * data.xaxis[joints[0]]])
-        along = np.diff(world_to_image(model, data, ends, camera, 64, 64), axis=0)[0]
-        normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
-        found.sliders.append(f"Slider({k}, normal={_numbers(normal)})")
-
-
-def _moving_parent(model: mujoco.MjModel, body: int) -> int:
-    """The nearest body towards the ground that has a joint; 0 if there is none."""
-    parent = int(model.body_parentid[body])
-    while parent and not model.body_jntnum[parent]:
-        parent = int(model.body_parentid[parent])
-    return parent
-
-
-def _next_joints(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> list[NDArray[np.float64]]:
-    """Where links are joined to a body, [3] each, m."""
-    children = [c for c in range(1, model.nbody) if model.body_jntnum[c] and _moving_parent(model, c) == body]
-    return [data.xanchor[model.body_jntadr[child]].copy() for child in children]
-
-
-def _far(model: mujoco.MjModel, data: mujoco.MjData, body: int, anchor: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[3] where the next link is joined, or the end of the geometry that is farthest from the joint, m."""
-    for joint in _next_joints(model, data, body):
-        if np.linalg.norm(joint - anchor) > SAME:
-            return joint
-    ends = [data.xipos[body]]
-    for geom in np.flatnonzero(model.geom_bodyid == body):
-        axis = data.geom_xmat[geom].reshape(3, 3)[:, 2]
-        half = axis * model.geom_size[geom, 1] * (int(model.geom_type[geom]) in LONG)
-        ends += [data.geom_xpos[geom] + half, data.geom_xpos[geom] - half]
-    return max(ends, key=lambda end: float(np.linalg.norm(end - anchor))).copy()
 
 
 def _rest(model: mujoco.MjModel) -> NDArray[np.float64]:
@@ -155,18 +95,36 @@ def _rest(model: mujoco.MjModel) -> NDArray[np.float64]:
     data.qpos[:] = np.where(model.jnt_type == HINGE, 0.5, 0.0)
     for _ in range(round(SETTLING / damped.opt.timestep)):
         mujoco.mj_step(damped, data)
-    rest = data.qpos.round(4)
-    return np.where((model.jnt_type == HINGE) & (np.abs(np.abs(rest) - math.pi) < 0.01), math.pi, rest)
+    rest = data.qpos.round(DIGITS)
+    return np.where((model.jnt_type == HINGE) & (np.abs(np.abs(rest) - math.pi) < NEAR), math.pi, rest)
 
 
-def _numbers(values: NDArray[np.float64] | tuple[float, ...]) -> str:
+def _target(model: mujoco.MjModel, rest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[nq] where to go, rad or m: hinges as they are drawn; if it hangs so, as high as they get.
+
+    Hinges that cannot be as they are drawn are in the middle of their range.
+    """
+    hinges = model.jnt_type == HINGE
+    low, high = model.jnt_range.T
+    beyond = hinges & model.jnt_limited.astype(bool) & ((low > 0) | (high < 0))
+    drawn = np.where(beyond, (low + high) / 2, np.where(hinges, 0.0, rest))
+    if not hinges.any() or np.abs(drawn - rest)[hinges].max() > NEAR:
+        return drawn
+    upwards = copy.copy(model)
+    upwards.opt.gravity[:] = -model.opt.gravity
+    upwards.jnt_stiffness[:] = 0.0
+    highest = np.where(hinges, _rest(upwards), rest)
+    return np.where(model.jnt_limited, np.clip(highest, low + ROUNDING, high - ROUNDING), highest)
+
+
+def _numbers(values: NDArray[np.float64] | Sequence[float]) -> str:
     """Numbers as they are written in Python."""
-    numbers = [f"{round(float(v), 4) + 0.0:g}" for v in values]
+    numbers = [f"{round(float(v), DIGITS) + 0.0:g}" for v in values]
     return f"({', '.join(numbers)}{',' * (len(numbers) == 1)})"
 
 
-def _text(model: mujoco.MjModel, camera: str, found: _Proposal, mjcf: str) -> str:
-    joints = []
+def _text(tree: Tree, mjcf: str) -> str:
+    model, joints = tree.model, []
     for i in range(model.njnt):
         hinge = model.jnt_type[i] == HINGE
         bounds = (
@@ -179,9 +137,10 @@ def _text(model: mujoco.MjModel, camera: str, found: _Proposal, mjcf: str) -> st
         joints.append(f"Joint({model.joint(i).name!r}, {'hinge' if hinge else 'slide'!r}, {_numbers(bounds)})")
     actuators = "".join(f"{model.actuator(i).name!r}, " for i in range(model.nu))
     rest = _rest(model)
-    target = tuple(0.0 if kind == HINGE else at for kind, at in zip(model.jnt_type, rest, strict=True))
     step = model.opt.timestep * max(1, round(STEP / model.opt.timestep))
-    rods, sliders, landmarks = (", ".join([*each, ""]) for each in (found.rods, found.sliders, found.landmarks))
+    rods = "".join(f"Rod({rod.start}, {rod.end}), " for rod in tree.rods)
+    sliders = "".join(f"Slider({s.keypoint}, normal={_numbers(s.normal)}), " for s in tree.sliders)
+    landmarks = "".join(f"Landmark({each.body!r}, {_numbers(each.position)}), " for each in tree.landmarks)
     return f'''"""A mechanism of {mjcf}; `keycld check` says what does not fit."""
 
 from pathlib import Path
@@ -199,19 +158,19 @@ system = System(
     # What the world model knows: keypoints and what holds them. A rod from None starts at the pivot, in image units:
     # (0, 0) is the middle, 1 the right or upper border. Lengths are learned.
     mechanism=Mechanism(
-        num_keypoints={len(found.landmarks)},
+        num_keypoints={len(tree.landmarks)},
         num_actions={model.nu},
         rods=({rods.strip()}),
         sliders=({sliders.strip()}),
-        pivot={_numbers(found.pivot or (0.0, 0.0))},
+        pivot={_numbers(tree.pivot)},
     ),
     # Where keypoints truly are: a body of the MJCF, and the position on it, in m. For measuring only.
     landmarks=({landmarks.strip()}),
-    camera={camera!r},
+    camera={tree.camera!r},
     # Seconds from frame to frame, and from action to action.
     timestep={step:.6g},
     # Where to go, and where it hangs still: one number per joint, rad or m.
-    target_qpos={_numbers(target)},
+    target_qpos={_numbers(_target(model, rest))},
     hanging_qpos={_numbers(rest)},
 )
 '''

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from keycld_envs.errors import InputError
 from keycld_envs.files import one_writer
 from keycld_envs.progress import Advance, progress
-from keycld_model.checkpoint import WEIGHTS, check_same_run, read_checkpoint, write_checkpoint
+from keycld_model.checkpoint import check_same_run, read_checkpoint, write_checkpoint
 from keycld_model.delan.config import JointConfig
 from keycld_model.delan.families import JointDynamics
 from keycld_model.delan.levenberg_marquardt import LeastSquaresProblem, Point, step
@@ -27,9 +27,9 @@ from keycld_model.delan.presets import PRESETS, Preset
 from keycld_model.delan.residual import Residual, what_is_left
 from keycld_model.delan.weights import repeated, torque_weights
 from keycld_model.training import log
+from keycld_model.training.folder import STATE, check_run_folder
 from keycld_model.training.watch import Watcher
 
-STATE = "state"
 SAVE_EVERY = 10.0
 """Seconds between checkpoints of a running training."""
 VALIDATION = 0.15
@@ -87,15 +87,14 @@ def train(
         watchers: told of every line of the log and every checkpoint.
 
     Raises:
-        InputError: if the data do not fit, or `out` holds another run.
+        InputError: if the data do not fit, or `out` holds another run or anything else.
     """
     if isinstance(preset, str) and preset not in PRESETS:
         raise InputError(f"There is no preset {preset!r}; there are {', '.join(PRESETS)}.")
     recipe = PRESETS[preset] if isinstance(preset, str) else preset
     if seed < 0:
         raise InputError(f"seed is {seed}; it must not be negative.")
-    if Path(out).exists() and not Path(out).is_dir():
-        raise InputError(f"{out} is a file; name a folder.")
+    check_run_folder(out)
     training, held_out = motions.split(validation, seed)
     own, residual = _configured(training, recipe, tuple(friction), residual_of)
     config = own if residual is None else residual.config
@@ -209,8 +208,6 @@ class _Run:
 
     def _resume(self, first: Floats) -> _State:
         if not (self.folder / STATE).exists():
-            if (self.folder / WEIGHTS).exists():
-                raise InputError(f"{self.folder} holds a model that no run left there; choose another --out.")
             (self.folder / log.NAME).unlink(missing_ok=True)
             return _State(Point(first), first, first)
         tensors, meta = read_checkpoint(self.folder / STATE)

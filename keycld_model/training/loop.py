@@ -23,6 +23,7 @@ from keycld_model.evaluation.valid_prediction_time import prediction_errors, sta
 from keycld_model.modules import Parameters, Parts
 from keycld_model.training import log
 from keycld_model.training.data import TrainingData, check_fits
+from keycld_model.training.folder import STATE, check_run_folder
 from keycld_model.training.presets import PRESETS, Preset
 from keycld_model.training.sharding import Devices
 from keycld_model.training.stage import Stage, Variables, model_parameters
@@ -37,7 +38,6 @@ COLLAPSED = 0.01
 """Image units; keypoints that vary less over the recordings carry no motion."""
 CHECK_EVERY = 500
 """Steps between looks at how much the keypoints vary."""
-STATE = "state"
 PLACES = ("rod_scale", "lean")
 """Variables that are not zero while masses lie elsewhere than the keypoints."""
 SMALLER, TRIES = 0.25, 3
@@ -101,7 +101,7 @@ def train(
         The trained model and its score.
 
     Raises:
-        InputError: if the data do not fit, or `out` holds another run.
+        InputError: if the data do not fit, or `out` holds another run or anything else.
         TrainingError: if the loss is not finite with smaller steps either, or the keypoints collapse to a constant.
     """
     name, recipe = _recipe(preset)
@@ -109,8 +109,7 @@ def train(
         raise InputError(f"seed is {seed}; it must not be negative.")
     if not 0 < validation < 1:
         raise InputError(f"validation is {validation:g}; it must lie between 0 and 1.")
-    if Path(out).exists() and not Path(out).is_dir():
-        raise InputError(f"{out} is a file; name a folder.")
+    check_run_folder(out)
     data, test = (TrainingData.from_dataset(part, recipe.length) for part in dataset.split(validation))
     check_fits(data, config, dataset)
     meta = {

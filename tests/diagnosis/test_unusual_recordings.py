@@ -184,6 +184,12 @@ def test_the_command_line_refuses_before_it_diagnoses(tmp_path, runs, capsys):
     assert main(["diagnose", str(data), "--out", str(file)]) == 2
     assert "report cannot be written" in capsys.readouterr().err and file.read_text() == "mine"
     assert main(["diagnose", str(data), "--out", str(file / "below")]) == 2
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "report.html").write_text("mine")
+    capsys.readouterr()
+    assert main(["diagnose", str(data), "--out", str(tmp_path / "run")]) == 2
+    assert "report.html was not written by a diagnosis; choose another folder" in capsys.readouterr().err
+    assert (tmp_path / "run" / "report.html").read_text() == "mine"
     assert main(["diagnose", str(data), "--env", "Pendulum", "--mjcf", "arm.xml"]) == 2
     assert "--env and --mjcf; name one" in capsys.readouterr().err
     write_recording(data / "other", replace(runs[0], id="other", system="KeyCLD/Acrobot-v0"))

@@ -113,6 +113,57 @@ def test_what_is_hidden_at_the_target_is_named(tmp_path: Path) -> None:
     assert not [w for w in inspect(before).warnings if "hidden" in w]
 
 
+def test_poles_at_two_places_of_a_cart(tmp_path: Path) -> None:
+    short = '<body name="short"'
+    system = proposed(tmp_path, TWO_POLES.replace(short, f'{short} pos=".5 0 0"'))
+    assert system.mechanism.rods == (Rod(0, 1), Rod(0, 2), Rod(2, 3))
+    assert system.mechanism.sliders == (Slider(0), Slider(2))
+    assert [(mark.body, mark.position[0]) for mark in system.landmarks[::2]] == [("cart", 0.0), ("cart", 0.5)]
+    assert inspect(system).problems == ()
+    bent = replace(system, mechanism=replace(system.mechanism, rods=(Rod(0, 1), Rod(0, 2), Rod(0, 3))))
+    assert "about joint 'short', which is at Landmark('cart', (0.5, 0, 0))" in inspect(bent).problems[0]
+
+
+def test_two_arms_at_two_places_of_a_link(tmp_path: Path) -> None:
+    second = (
+        '<body name="other" pos=".5 0 .5"><joint name="wrist" axis="0 1 0"/><geom fromto="0 0 0 .4 0 0" size=".05" '
+        'type="capsule" mass=".2"/></body></body></worldbody>'
+    )
+    system = proposed(tmp_path, ARM.replace("</body></body></worldbody>", f"</body>{second}"))
+    assert system.mechanism.rods == (Rod(None, 0), Rod(0, 1), Rod(None, 2), Rod(0, 2), Rod(2, 3))
+    assert inspect(replace(system, target_qpos=system.hanging_qpos)).problems == ()
+    with pytest.raises(InputError, match="'other' is hinged to 'upper' at a place that rods and rails do not hold"):
+        proposed(tmp_path, ARM.replace("</body></body></worldbody>", f"</body>{second}").replace(".5 0 .5", "0 0 .5"))
+
+
+def test_a_pole_on_a_body_that_slides_both_ways_and_a_link_that_is_a_box(tmp_path: Path) -> None:
+    both = '<joint name="lift" type="slide" axis="0 0 1" stiffness="40"/><joint name="side" type="slide" axis="1 0 0"/>'
+    start = MOVING_PIVOT.index('<joint name="lift"')
+    document = MOVING_PIVOT[:start] + both + MOVING_PIVOT[MOVING_PIVOT.index("<geom", start) :]
+    capsule, box = 'type="capsule" fromto="0 0 0 0 0 .9" size=".06"', 'type="box" pos="0 0 .4" size=".05 .05 .4"'
+    system = proposed(tmp_path, document.replace(capsule, box))
+    assert (system.mechanism.rods, system.mechanism.sliders) == ((Rod(0, 1),), ())
+    assert system.landmarks[1].position == (0, 0, 0.8)
+
+
+def test_a_rail_beside_the_pivot(tmp_path: Path) -> None:
+    system = proposed(tmp_path, MOVING_PIVOT)
+    moved = replace(system, mechanism=replace(system.mechanism, pivot=(0.3, 0.0)))
+    assert "with pivot=(0.000, 0.000) it leads through it" in inspect(moved).problems[0]
+
+
+def test_a_mechanism_that_is_drawn_hanging_or_cannot_be_as_it_is_drawn(tmp_path: Path) -> None:
+    arm = ARM.replace(" 0 0 .7", " 0 0 -.7").replace(" 0 0 .9", " 0 0 -.9").replace("0 0 .7", "0 0 -.7")
+    system = proposed(tmp_path, arm.replace("0 0 .9", "0 0 -.9"))
+    assert system.hanging_qpos == pytest.approx((0, 0), abs=1e-3)
+    assert np.cos(system.target_qpos) == pytest.approx((-1, 1), abs=1e-3)
+    idle = inspect(replace(system, target_qpos=system.hanging_qpos))
+    assert any("target_qpos is hanging_qpos" in warning for warning in idle.warnings)
+    limited = proposed(tmp_path, ARM.replace('name="elbow" axis="0 1 0"', 'name="elbow" axis="0 1 0" range="30 120"'))
+    assert limited.target_qpos[1] == pytest.approx(math.radians(75), abs=1e-4)
+    assert not [p for p in inspect(limited).problems if "outside its range" in p]
+
+
 def test_documents_that_no_declaration_can_be_made_for(tmp_path: Path) -> None:
     for mjcf, words in (
         (TWO_POLES.split("<actuator>")[0].replace('name="rail"', "") + "</mujoco>", "joint 0 has no name"),
@@ -120,6 +171,21 @@ def test_documents_that_no_declaration_can_be_made_for(tmp_path: Path) -> None:
         (TWO_POLES.replace(HEAD, "<mujoco><worldbody>"), "no camera"),
         (TWO_POLES.replace('type="slide" axis="1 0 0"', 'type="free"'), "hinge and slide"),
         ("<mujoco/>", "hinge and slide"),
+        (
+            ARM.replace(
+                "</body></body>", f"</body></body>{TWO_POLES[TWO_POLES.index('<body') :].split('</worldbody>')[0]}"
+            ),
+            "does not lead through the pivot",
+        ),
+        (
+            MOVING_PIVOT.replace(
+                "</worldbody>",
+                '<body name="b" pos="1 0 1"><joint name="b" axis="0 1 0"/><geom size=".1"/></body></worldbody>',
+            ),
+            "one pivot",
+        ),
+        (MOVING_PIVOT.replace('name="hinge"', 'name="hinge" type="slide"'), "slides on 'lift', which moves"),
+        (MOVING_PIVOT.replace('name="hinge"', 'name="one" axis="0 1 0"/><joint name="hinge"'), "has 2 hinges"),
     ):
         with pytest.raises(InputError, match=words):
             proposed(tmp_path, mjcf)

@@ -261,6 +261,10 @@ def test_settings_that_cannot_be_used(tmp_path):
     refused("one recording", dataset=dataset(count=1))
     (tmp_path / "file").write_text("")
     refused("file", out=tmp_path / "file")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "report.html").write_text("mine")
+    refused("mine exists and was not made by a training", out=tmp_path / "mine")
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["report.html"]
 
 
 @pytest.mark.slow
