@@ -13,7 +13,7 @@ from scipy.signal import savgol_filter
 from keycld_envs.effects.actuator_delay import ActuatorDelay
 from keycld_envs.effects.actuator_lag import ActuatorLag
 from keycld_envs.effects.base import Effect
-from keycld_envs.effects.edited import edited, resistance, torque_per_command
+from keycld_envs.effects.edited import edited, moments, resistance, torque_per_command
 from keycld_envs.effects.places import ActuatorEffect
 from keycld_envs.effects.transmission import TransmissionEffect
 from keycld_envs.errors import InputError
@@ -91,6 +91,7 @@ def _on_other_clock(recording: Recording, effect: Effect) -> Recording:
 def _in_commands(recording: Recording, model: mujoco.MjModel, effect: ActuatorEffect) -> Concealed:
     """With commands that a motor with the effect would have needed."""
     i = int(model.actuator(effect.where).id)
+    assert recording.qpos is not None
     t, u = np.asarray(recording.t_action), np.asarray(recording.action, np.float64)
     if isinstance(effect, ActuatorDelay):
         times, told = t - effect.d, u[:, i]
@@ -100,10 +101,8 @@ def _in_commands(recording: Recording, model: mujoco.MjModel, effect: ActuatorEf
         times, told = t, _inverse(effect, u[:, i])
     every = np.union1d(t, times)
     action = np.stack([_held(every, *((times, told) if k == i else (t, u[:, k]))) for k in range(model.nu)], axis=1)
-    wrong = np.zeros((len(every), model.nu))
-    wrong[:, i] = _held(every, t, u[:, i]) - action[:, i]
-    hidden = np.zeros(model.nv)
-    hidden[effect.dof(model)] = _rms(effect.torque_of(model, wrong))
+    wrong = _rms(_held(every, t, u[:, i]) - action[:, i])
+    hidden = wrong * np.abs(moments(model, np.nan_to_num(recording.qpos[0]))[i] * model.actuator_gainprm[i, 0])
     return Concealed(replace(recording, t_action=every, action=action), hidden)
 
 

@@ -85,6 +85,11 @@ def resolve_env_id(name: str) -> str:
     similar = [module + colon + each for each in similar]
     if Path(f"{name}.py").is_file():
         similar = [f"{name}.py"]
+    if name.lower().endswith(".xml"):
+        raise InputError(
+            f"{name!r} is no environment; declare one for a MuJoCo XML file, `keycld new my_arm --mjcf {name}`, and "
+            "name my_arm.py."
+        )
     raise InputError(f"There is no environment {name!r}; did you mean {', '.join(similar)}?")
 
 

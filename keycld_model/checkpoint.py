@@ -19,6 +19,8 @@ from keycld_envs.reading import check_file, parse_json
 
 SCHEMA = "keycld.checkpoint/2"
 WEIGHTS, META = "weights.safetensors", "checkpoint.json"
+STATE = "state"
+"""Folder of a checkpoint of what an unfinished run has reached, below that of the run."""
 UNSEALED = "0" * 64
 Tree = dict[str, Any]
 
@@ -93,6 +95,8 @@ def read_checkpoint(folder: str | os.PathLike[str]) -> tuple[Tree, dict[str, Any
     folder = Path(folder)
     path = folder / WEIGHTS
     if not path.is_file():
+        if (folder / STATE / WEIGHTS).is_file():
+            raise InputError(f"{folder} holds a training that has not ended; start it again, and it goes on.")
         raise InputError(f"{folder} holds no {WEIGHTS}; name a checkpoint folder, as `keycld train` writes it.")
     try:
         payload = check_file(path).read_bytes()

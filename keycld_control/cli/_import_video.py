@@ -1,5 +1,6 @@
 """A data set of a video."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,13 @@ def import_video(path: Path, args: Args) -> dict[str, Any]:
         raise InputError(
             f"--crop puts the pivot at ({at[0]:.3f}, {at[1]:.3f}), but {given.mechanism} declares pivot={place}; write "
             "that place into the file, or leave --crop out."
+        )
+    width, height = look.size
+    if given.pivot is not None and not (0 <= given.pivot[0] < width and 0 <= given.pivot[1] < height):
+        print(
+            f"keycld: warning: --pivot {given.pivot[0]:g} {given.pivot[1]:g} lies outside {path}, whose pictures are "
+            f"{width}x{height} pixels; beyond them, the pixels of their border are repeated.",
+            file=sys.stderr,
         )
     with progress("Cutting", total=len(look.times)) as advance:
         number = film.write_parts(path, args.out, look, square, advance, cut)

@@ -89,5 +89,6 @@ def _document(folder: Path) -> str:
                     f"- {name} {found['value']:.4g} ({found['low']:.4g} to {found['high']:.4g}) {found['unit']}"
                 )
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
-        raise InputError(f"{path} is no report of `keycld diagnose` ({error}); name its folder.") from error
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{path} is no report of `keycld diagnose` ({why}); name its folder.") from error
     return "\n".join(lines)

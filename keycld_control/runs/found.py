@@ -8,9 +8,8 @@ from typing import Any
 from keycld_control.runs.page import NAME as PAGE
 from keycld_envs.errors import InputError
 from keycld_envs.reading import read_json
-from keycld_model.checkpoint import META
+from keycld_model.checkpoint import META, STATE
 from keycld_model.training import log
-from keycld_model.training.folder import STATE
 
 
 @dataclass(frozen=True)

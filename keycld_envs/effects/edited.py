@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from keycld_envs.constants import update_constants
 from keycld_envs.effects.base import Array, Effect
@@ -40,6 +41,22 @@ def torque_per_command(model: mujoco.MjModel) -> Array:
         ):
             dof = int(model.jnt_dofadr[model.actuator_trnid[i, 0]])
             out[dof, i] = model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0]
+    return out
+
+
+def moments(model: mujoco.MjModel, qpos: ArrayLike) -> Array:
+    """Torque at each joint for a unit of each actuator's force, `[nu, nv]`, through joints, tendons or whatever else.
+
+    Args:
+        model: the simulator.
+        qpos: `[nq]` where it is, rad or m.
+    """
+    data, out = mujoco.MjData(model), np.zeros((model.nu, model.nv))
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    mujoco.mju_sparse2dense(
+        out, data.actuator_moment.ravel(), data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
     return out
 
 

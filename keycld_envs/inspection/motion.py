@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.collect import PAPER_ACTION_RANGE
+from keycld_envs.effects.edited import moments
 from keycld_envs.inspection.poses import PIXEL, SIDE, Poses
 from keycld_envs.recordings.weaknesses import FASTEST
 from keycld_envs.simulation import Simulation
@@ -241,10 +242,6 @@ def _holding(
     data.qpos[:] = system.target_qpos
     mujoco.mj_forward(model, data)
     needed = data.qfrc_bias - data.qfrc_passive
-    moments = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(
-        moments, data.actuator_moment.ravel(), data.moment_rownnz, data.moment_rowadr, data.moment_colind
-    )
-    gains = moments.T * model.actuator_gainprm[:, 0]
+    gains = moments(model, system.target_qpos).T * model.actuator_gainprm[:, 0]
     action, *_ = np.linalg.lstsq(gains, needed, rcond=None)
     return action, np.abs(gains @ action - needed), needed

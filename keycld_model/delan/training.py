@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from keycld_envs.errors import InputError
 from keycld_envs.files import one_writer
 from keycld_envs.progress import Advance, progress
-from keycld_model.checkpoint import check_same_run, read_checkpoint, write_checkpoint
+from keycld_model.checkpoint import STATE, check_same_run, read_checkpoint, write_checkpoint
 from keycld_model.delan.config import JointConfig
 from keycld_model.delan.families import JointDynamics
 from keycld_model.delan.levenberg_marquardt import LeastSquaresProblem, Point, step
@@ -27,7 +27,7 @@ from keycld_model.delan.presets import PRESETS, Preset
 from keycld_model.delan.residual import Residual, what_is_left
 from keycld_model.delan.weights import repeated, torque_weights
 from keycld_model.training import log
-from keycld_model.training.folder import STATE, check_run_folder
+from keycld_model.training.folder import check_run_folder
 from keycld_model.training.watch import Watcher
 
 SAVE_EVERY = 10.0

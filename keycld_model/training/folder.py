@@ -4,11 +4,8 @@ import os
 from pathlib import Path
 
 from keycld_envs.errors import InputError
-from keycld_model.checkpoint import WEIGHTS
+from keycld_model.checkpoint import STATE, WEIGHTS
 from keycld_model.training import log
-
-STATE = "state"
-"""Checkpoint of what an unfinished run has reached."""
 
 TRACKED = "tensorboard"
 """Files of TensorBoard, which are there before training starts."""

@@ -17,13 +17,13 @@ from keycld_envs.errors import InputError
 from keycld_envs.files import one_writer
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Dataset
-from keycld_model.checkpoint import check_same_run, read_checkpoint, write_checkpoint
+from keycld_model.checkpoint import STATE, check_same_run, read_checkpoint, write_checkpoint
 from keycld_model.config import ModelConfig
 from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, valid_frames
 from keycld_model.modules import Parameters, Parts
 from keycld_model.training import log
 from keycld_model.training.data import TrainingData, check_fits
-from keycld_model.training.folder import STATE, check_run_folder
+from keycld_model.training.folder import check_run_folder
 from keycld_model.training.presets import PRESETS, Preset
 from keycld_model.training.sharding import Devices
 from keycld_model.training.stage import Stage, Variables, model_parameters

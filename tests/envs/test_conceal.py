@@ -140,6 +140,14 @@ def test_in_commands_that_are_zero_nothing_is_concealed():
         assert not concealed.hidden.any() and not concealed.recording.action.any()
 
 
+def test_a_motor_that_pulls_two_joints_by_a_tendon():
+    tendon = '<tendon><fixed name="belt"><joint joint="shoulder" coef="1"/><joint joint="elbow" coef="-.5"/></fixed>'
+    xml = ARM.replace("<actuator>", f"{tendon}</tendon><actuator>").replace('joint="elbow"/>', 'tendon="belt"/>', 1)
+    assert '"second" tendon="belt"' in xml
+    hidden = conceal(recorded(), mujoco.MjModel.from_xml_string(xml), e.ActuatorGain("second", k=0.5)).hidden
+    assert hidden[1] == pytest.approx(hidden[0] / 2) and hidden[1] > 0
+
+
 def test_joints_without_motors_are_refused():
     xml = ARM.replace('<motor name="first" joint="shoulder" gear="2"/>', "")
     model, recording = mujoco.MjModel.from_xml_string(xml), recorded()

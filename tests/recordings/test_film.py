@@ -102,7 +102,11 @@ def test_from_the_command_line(video: Path, tmp_path: Path, capsys: pytest.Captu
     assert main([*args, "--pivot", "90", "20", "--crop", "60", "0", "60"]) == 2
     assert "--crop puts the pivot at (0.017, 0.322), but" in capsys.readouterr().err
     assert main([*args, "--pivot", "90", "20", "--frames", "20", "--json"]) == 0
-    assert '"recordings": 3' in capsys.readouterr().out
+    captured = capsys.readouterr()
+    assert '"recordings": 3' in captured.out and captured.err == ""
+    args[3] = str(tmp_path / "outside")
+    assert main([*args, "--pivot", "90", "-20"]) == 0
+    assert "warning: --pivot 90 -20 lies outside" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

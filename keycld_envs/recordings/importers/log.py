@@ -4,6 +4,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from keycld_envs.errors import InputError
 from keycld_envs.recordings.importers.csv import read_csv
 from keycld_envs.recordings.importers.epos import is_epos, read_epos
 from keycld_envs.recordings.importers.json import read_json_log
@@ -36,6 +37,8 @@ def read_log(
         return read_mcap(path), {}
     if suffix in (".json", ".jsonl"):
         return read_json_log(path), {}
+    if suffix in (".xml", ".urdf"):
+        raise InputError(f"{path} describes a mechanism; hand in a log, and the mechanism to `keycld new --mjcf`.")
     if is_epos(path):
         return read_epos(path)
     return read_csv(path, columns, drop_truncated_end=drop_truncated_end), {}
