@@ -245,6 +245,15 @@ def _distrusted(
         held_out=[],
         details={"tracked": True, "images": _summary(positions), "not_tried": []},
         evidence=Evidence(
-            model, model, (), (), (), np.zeros(0), (), (), pictures=pictures((), recordings, positions, model)
+            model,
+            model,
+            (),
+            (),
+            (),
+            np.zeros(0),
+            (),
+            (),
+            of_sensors=False,
+            pictures=pictures((), recordings, positions, model),
         ),
     )

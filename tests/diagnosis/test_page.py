@@ -405,3 +405,22 @@ def test_what_is_no_expression_is_shown_as_it_is():
 def test_text_of_an_element_comes_first():
     with pytest.raises(ValueError, match="first"):
         element("p", element("b"), "text")
+
+
+def test_a_page_of_images_that_could_not_be_read():
+    model, none = get_system("pendulum").compile(), float("nan")
+    sentence = "Only 0 % of the frames show the simulator."
+    unread = Report(
+        verdict="undetermined",
+        headline=sentence,
+        findings=[],
+        nuisance={},
+        unexplained=Unexplained(True, 1.0, None, sentence),
+        fit=FitErrors("not measured", "", none, none, none),
+        held_out=[],
+        details={"images": {"trusted_frames": 0.0}},
+        evidence=Evidence(model, model, (), (), (), np.zeros(0), (), (), of_sensors=False),
+    )
+    text = html_page(unread)
+    assert sentence in text and "undetermined" in text
+    assert 'id="errors"' not in text and 'id="rollouts"' not in text and 'id="residuals"' not in text

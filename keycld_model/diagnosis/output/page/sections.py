@@ -54,7 +54,7 @@ class Errors:
     """Held-out errors.
 
     Attributes:
-        bars: from top to bottom.
+        bars: from top to bottom; none if nothing was measured.
         ceiling_fails: the residual force in place of named effects is no better than the refitted simulator, and has
             no bar.
         ceiling_diverges: its error is not even a number.
@@ -140,7 +140,7 @@ class Block:
 
 def held_out_errors(report: Report, evidence: Evidence) -> Errors:
     """Held-out errors as bars, with the sensor's noise as the floor where that is known."""
-    fit, floor = report.fit, 1e3 * float(np.sqrt(np.mean(evidence.noise**2)))
+    fit = report.fit
     shown = {"nominal": ("as it was", fit.nominal), "refitted": ("refitted", fit.refitted)}
     if report.verdict != "no_mismatch":
         shown["corrected"] = ("corrected", fit.corrected)
@@ -148,8 +148,11 @@ def held_out_errors(report: Report, evidence: Evidence) -> Errors:
     if fit.ceiling is not None and not fails:
         shown["ceiling"] = ("residual force", fit.ceiling)
     if evidence.of_sensors:
-        shown["noise"] = ("sensor noise", floor)
-    largest = max(value for _, value in shown.values() if isfinite(value)) or 1.0
+        shown["noise"] = ("sensor noise", 1e3 * float(np.sqrt(np.mean(evidence.noise**2))))
+    finite = [value for _, value in shown.values() if isfinite(value)]
+    if not finite:
+        return Errors([], ceiling_fails=False, ceiling_diverges=False)
+    largest = max(finite) or 1.0
     bars = [Bar(n, label, x, 100 * x / largest if isfinite(x) else 100.0) for n, (label, x) in shown.items()]
     return Errors(bars, fails, fit.ceiling is not None and not isfinite(fit.ceiling))
 

@@ -216,17 +216,20 @@
     };
   };
 
-  const play = player(document.querySelector(".player"));
-  const rollouts = chooser(document.getElementById("rollouts"), data.rollouts, drawRollouts);
-  const residuals = chooser(document.getElementById("residuals"), data.residuals, drawResiduals);
-  const moved = () => play(rollouts.select.selectedIndex);
-  rollouts.select.addEventListener("change", moved);
-  document.querySelectorAll("#rollouts .step").forEach((button) => button.addEventListener("click", moved));
-  const all = () => { rollouts.show(); residuals.show(); drawWhiteness(document.querySelector(".white")); };
-  all();
-  moved();
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", all);
-  matchMedia("(max-width: 560px)").addEventListener("change", all);
+  const plots = () => {
+    const play = player(document.querySelector(".player"));
+    const rollouts = chooser(document.getElementById("rollouts"), data.rollouts, drawRollouts);
+    const residuals = chooser(document.getElementById("residuals"), data.residuals, drawResiduals);
+    const moved = () => play(rollouts.select.selectedIndex);
+    rollouts.select.addEventListener("change", moved);
+    document.querySelectorAll("#rollouts .step").forEach((button) => button.addEventListener("click", moved));
+    const all = () => { rollouts.show(); residuals.show(); drawWhiteness(document.querySelector(".white")); };
+    all();
+    moved();
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", all);
+    matchMedia("(max-width: 560px)").addEventListener("change", all);
+  };
+  if (document.getElementById("rollouts")) plots(); /* Nothing was simulated where images cannot be read. */
   document.querySelectorAll(".code button").forEach((button) => button.addEventListener("click", () => {
     navigator.clipboard.writeText(button.nextElementSibling.textContent).then(() => { button.textContent = "Copied"; });
   }));
