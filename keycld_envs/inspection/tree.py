@@ -191,7 +191,7 @@ class Tree:
             if np.linalg.norm(joint - start) > SAME:
                 return joint
         ends = [self.data.xipos[body].copy()]
-        for geom in np.flatnonzero(self.model.geom_bodyid == body):
+        for geom in np.flatnonzero(self.model.body_weldid[self.model.geom_bodyid] == body):
             middle, half = self._lengthwise(int(geom))
             ends += [middle + half, middle - half]
         return max(ends, key=lambda end: float(np.linalg.norm(end - start)))

@@ -78,6 +78,10 @@ def test_an_arm_with_a_payload(tmp_path: Path) -> None:
     assert system.mechanism.pivot == pytest.approx((0.3 * SCALE, -0.2 * SCALE), abs=1e-4)
     assert [mark.position[2] for mark in system.landmarks] == [0.7, 0.9]
     assert inspect(system).problems == ()
+    payload = '<geom type="sphere" pos="0 0 .9" size=".12" mass=".6"/>'
+    assert payload in ARM
+    held = proposed(tmp_path, ARM.replace(payload, f'<body pos="0 0 1.1">{payload.replace("0 0 .9", "0 0 0")}</body>'))
+    assert [mark.position[2] for mark in held.landmarks] == [0.7, 1.1]  # on a body that is welded to the link
 
 
 def test_the_pivot_that_would_fit_is_named(tmp_path: Path) -> None:
