@@ -12,7 +12,8 @@ import tyro
 from PIL import Image, ImageColor
 
 from keycld_control.closed_loop import LoopSettings, make_loop
-from keycld_control.video import CURVE, KEYPOINT, Moment, draw_clip, record
+from keycld_control.overlay import KEYPOINT
+from keycld_control.video import CURVE, Moment, draw_clip, record
 from keycld_envs.files import atomic_file
 from keycld_envs.systems import REFERENCE_SYSTEMS
 

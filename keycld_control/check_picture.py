@@ -9,6 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from keycld_control.overlay import (
+    GROUND,
+    INK,
+    KEYPOINT,
+    draw_keypoints,
+    draw_pivot,
+    draw_rails,
+    draw_rods,
+    in_picture,
+)
 from keycld_envs.env import KeyCLDEnv
 from keycld_envs.files import atomic_file
 from keycld_envs.inspection.constraints import values
@@ -21,7 +31,8 @@ PANEL, GAP, LINE = 384, 4, 18
 """Width and height of a panel, what is left between panels, height of a line of text, pixels."""
 RANDOM = 2
 """Random poses that are drawn beside target and rest."""
-KEYPOINT, ROD, RAIL, INK, GROUND = "#ffd23f", "#4fd1c5", "#ff8c42", "#c8cdd3", "#15191e"
+UNIT, BEYOND = 1.2, 1e4
+"""Width of a thin line, and the farthest column and row to draw to, pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,17 +110,11 @@ def _lines(mechanism: Mechanism, keypoints: NDArray[np.float64]) -> tuple[str, .
     return tuple(f"{value.name}: {value.least:.3f}" for value in values(mechanism, keypoints[None]))
 
 
-def _place(point: NDArray[np.float64]) -> tuple[float, float]:
-    """Column and row in a panel, of a point in image units."""
-    column, row = (np.array([1 + point[0], 1 - point[1]]) / 2 * (PANEL - GAP - 1)).clip(-1e4, 1e4)
-    return float(column), float(row)
-
-
 def _panel(mechanism: Mechanism, panel: Panel, height: int) -> Image.Image:
     sheet = Image.new("RGB", (PANEL, height), GROUND)
     picture = Image.fromarray(panel.image).resize((PANEL - GAP, PANEL - GAP))
     if not panel.bare:
-        _overlay(mechanism, panel.keypoints, ImageDraw.Draw(picture))
+        _overlay(mechanism, panel, picture)
     sheet.paste(picture, (0, 0))
     text = ImageDraw.Draw(sheet)
     for row, line in enumerate((panel.title, *panel.lines)):
@@ -117,20 +122,13 @@ def _panel(mechanism: Mechanism, panel: Panel, height: int) -> Image.Image:
     return sheet
 
 
-def _overlay(mechanism: Mechanism, keypoints: NDArray[np.float64], pen: ImageDraw.ImageDraw) -> None:
+def _overlay(mechanism: Mechanism, panel: Panel, picture: Image.Image) -> None:
     """Draw rails, rods, pivot and keypoints."""
-    pivot, font = np.array(mechanism.pivot), ImageFont.load_default(16)
-    for slider in mechanism.sliders:
-        along = np.array([slider.normal[1], -slider.normal[0]]) / np.linalg.norm(slider.normal) * 3
-        pen.line([_place(pivot - along), _place(pivot + along)], RAIL, 2)
-    for rod in mechanism.rods:
-        ends = [pivot if rod.start is None else keypoints[rod.start], keypoints[rod.end]]
-        if np.isfinite(ends).all():
-            pen.line([_place(end) for end in ends], ROD, 3)
+    pen, shape = ImageDraw.Draw(picture), panel.image.shape
+    places = in_picture(panel.keypoints, shape, picture.size).clip(-BEYOND, BEYOND)
+    pivot = in_picture(mechanism.pivot, shape, picture.size).clip(-BEYOND, BEYOND)
+    draw_rails(pen, mechanism, pivot, 3 * PANEL, UNIT)
+    draw_rods(pen, mechanism, places, pivot, UNIT)
     if any(rod.start is None for rod in mechanism.rods) or mechanism.sliders:
-        pen.regular_polygon((*_place(pivot), 6), 3, fill=INK)
-    for k, point in enumerate(keypoints):
-        if np.isfinite(point).all():
-            x, y = _place(point)
-            pen.ellipse((x - 6, y - 6, x + 6, y + 6), outline=KEYPOINT, width=3)
-            pen.text((x + 9, y - 9), str(k), KEYPOINT, font, stroke_width=2, stroke_fill=GROUND)
+        draw_pivot(pen, pivot, UNIT)
+    draw_keypoints(pen, places, UNIT, numbered=True)

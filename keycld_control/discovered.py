@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from keycld_control.overlay import GROUND, INK, RAIL, draw_keypoints, draw_pivot
 from keycld_envs.files import atomic_file
 from keycld_envs.mechanism import Mechanism
 from keycld_model.discovery import Declaration, Discovery, Placed, Structure, placed
@@ -17,7 +18,6 @@ PANEL, LINE = 224, 20
 SHOWN = 3
 """Frames of each candidate."""
 COLOURS = ("#ffd23f", "#4fd1c5", "#ff8c42", "#c792ea", "#7ee787")
-INK, GROUND = "#e6e8eb", "#15191e"
 
 
 def write_file(path: Path, data: Path, mechanism: Mechanism, found: Discovery) -> None:
@@ -97,17 +97,14 @@ def _panel(now: Placed, index: int, keypoints: NDArray[np.float64] | None) -> Im
         pose = ground(1) if joint.parent is None else _one(now.poses[joint.parent], index)
         x, y = (pose.of(np.array(joint.place))[0] + 0.5) * scale
         if joint.kind == "hinge":
-            pen.line((x - 5, y, x + 5, y), INK, 2)
-            pen.line((x, y - 5, x, y + 5), INK, 2)
+            draw_pivot(pen, np.array([x, y]), 1.0)
         else:
             on_it = [other.joint.place for other in now.parts if other.joint.parent == k] or [part.points.mean(axis=0)]
             x, y = (_one(now.poses[k], index).of(np.array(on_it[0]))[0] + 0.5) * scale
             reach = 2 * PANEL * np.array([np.cos(joint.angle), np.sin(joint.angle)])
-            pen.line((x - reach[0], y - reach[1], x + reach[0], y + reach[1]), INK, 1)
-    for k, point in enumerate(() if keypoints is None else keypoints):
-        x, y = (point + 0.5) * scale
-        pen.ellipse((x - 6, y - 6, x + 6, y + 6), outline=INK, width=2)
-        pen.text((x + 8, y - 8), str(k), INK, ImageFont.load_default(14), stroke_width=2, stroke_fill=GROUND)
+            pen.line((x - reach[0], y - reach[1], x + reach[0], y + reach[1]), RAIL, 1)
+    if keypoints is not None:
+        draw_keypoints(pen, (keypoints + 0.5) * scale, 1.0, numbered=True)
     return picture
 
 

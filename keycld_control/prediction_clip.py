@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from keycld_control.video import DETAIL, GROUND, INK, PANEL, check_clip_path, draw_mechanism, write_clip
+from keycld_control.overlay import GROUND, INK
+from keycld_control.video import DETAIL, PANEL, check_clip_path, draw_mechanism, write_clip
 from keycld_envs.recordings import Dataset
 from keycld_model import WorldModel
 from keycld_model.evaluation import counted_sequences

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from keycld_control.closed_loop import Episode, Loop, LoopSettings, make_loop, run_episode
+from keycld_control.overlay import GROUND, INK, draw_keypoints, draw_rods, in_picture
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
 from keycld_envs.mechanism import Mechanism
@@ -21,7 +22,7 @@ PANEL, STRIP = 384, 96
 """Width and height of the image, height of the energy strip below, pixels."""
 FRAME_RATE = {".mp4": 50.0, ".gif": 20.0}
 DETAIL = 2  # drawn at this multiple of the size, then reduced, for smooth lines
-KEYPOINT, _TARGET, CURVE, INK, GROUND = "#ffd23f", "#ffffff", "#ff8c42", "#c8cdd3", "#15191e"
+_TARGET, CURVE = "#ffffff", "#ff8c42"
 
 
 @dataclass(frozen=True)
@@ -151,15 +152,8 @@ def write_clip(path: Path, pictures: Iterator[NDArray[np.uint8]], frame_rate: fl
         )
 
 
-def _to_canvas(points: NDArray[np.float32], shape: tuple[int, ...], panel: int) -> NDArray[np.float64]:
-    """Image units `[..., 2]` to canvas pixels; -1 and 1 are the centres of the outermost pixels."""
-    size = np.array([shape[1], shape[0]])
-    pixels = (points * [1, -1] + 1) / 2 * (size - 1)
-    return (pixels + 0.5) / size * (DETAIL * panel)
-
-
 def draw_mechanism(
-    draw: ImageDraw.ImageDraw,
+    pen: ImageDraw.ImageDraw,
     mechanism: Mechanism,
     points: NDArray[np.float32],
     pivot: NDArray[np.float32],
@@ -169,26 +163,22 @@ def draw_mechanism(
     """Keypoints and rods on an image that was enlarged to a canvas.
 
     Args:
-        draw: of the canvas, `DETAIL * panel` pixels wide and high.
+        pen: of the canvas, `DETAIL * panel` pixels wide and high.
         mechanism: tells which keypoints rods connect.
         points: `[K, 2]` keypoints, image units.
         pivot: `[2]`, image units.
         shape: of the image, (H, W, ...).
         panel: width and height of the picture that the canvas becomes, pixels.
     """
-    radius = 5 * DETAIL
-    places, origin = _to_canvas(points, shape, panel), _to_canvas(pivot, shape, panel)
-    for rod in mechanism.rods:
-        start = origin if rod.start is None else places[rod.start]
-        draw.line((*start, *places[rod.end]), fill=KEYPOINT, width=DETAIL)
-    for x, y in places:
-        draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=KEYPOINT, outline=GROUND, width=DETAIL)
+    places, origin = (in_picture(each, shape, (DETAIL * panel, DETAIL * panel)) for each in (points, pivot))
+    draw_rods(pen, mechanism, places, origin, DETAIL)
+    draw_keypoints(pen, places, DETAIL, filled=True)
 
 
-def _draw_target(draw: ImageDraw.ImageDraw, target: NDArray[np.float32], shape: tuple[int, ...], panel: int) -> None:
+def _draw_target(pen: ImageDraw.ImageDraw, target: NDArray[np.float32], shape: tuple[int, ...], panel: int) -> None:
     r = 8 * DETAIL
-    for x, y in _to_canvas(target, shape, panel):
-        draw.ellipse((x - r, y - r, x + r, y + r), outline=_TARGET, width=DETAIL)
+    for x, y in in_picture(target, shape, (DETAIL * panel, DETAIL * panel)):
+        pen.ellipse((x - r, y - r, x + r, y + r), outline=_TARGET, width=DETAIL)
 
 
 def _draw_energy(

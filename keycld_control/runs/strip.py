@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from keycld_control.overlay import draw_keypoints, in_picture
 from keycld_envs.recordings import Dataset
 from keycld_model import WorldModel
 from keycld_model.world_model import CONTEXT_FRAMES
@@ -14,9 +15,8 @@ from keycld_model.world_model import CONTEXT_FRAMES
 SHOWN = 8
 """Frames in a row."""
 MAGNIFIED = 2
-RING = 3.0
-"""Radius of a keypoint's ring, pixels of the magnified frame."""
-YELLOW = (255, 224, 0)
+UNIT = 0.6
+"""Width of a thin line, pixels of the magnified frame."""
 
 
 def strip(model: WorldModel, test: Dataset, predict: bool) -> str:
@@ -53,12 +53,7 @@ def _magnified(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _ringed(frame: NDArray[np.uint8], keypoints: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """With a ring around each keypoint, image units: pixel centres span -1 to 1, y is up."""
+    """With a ring around each keypoint, image units."""
     picture = Image.fromarray(_magnified(frame))
-    draw = ImageDraw.Draw(picture)
-    size = np.array([frame.shape[1], frame.shape[0]])
-    for x, y in keypoints:
-        column, row = (np.array([x, -y]) + 1) / 2 * (size - 1)
-        centre = MAGNIFIED * np.array([column + 0.5, row + 0.5])
-        draw.ellipse([*(centre - RING), *(centre + RING)], outline=YELLOW)
+    draw_keypoints(ImageDraw.Draw(picture), in_picture(keypoints, frame.shape, picture.size), UNIT)
     return np.asarray(picture)

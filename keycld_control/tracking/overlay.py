@@ -1,12 +1,12 @@
 """The track drawn over its video."""
 
 from collections.abc import Iterator
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from keycld_control.overlay import LOST, draw_keypoints, draw_pivot, draw_rods
 from keycld_envs.progress import Advance
 from keycld_envs.recordings.video import decode
 from keycld_model.tracking import Track
@@ -14,7 +14,7 @@ from keycld_model.tracking.pendulum import Study
 
 LONGEST = 960
 """Pixels of the longer side of the clip."""
-ROD, KEYPOINT, PIVOT, PREDICTED, LOST = "#ffd23f", "#ffd23f", "#41c7ff", "#e0457b", "#ff5a36"
+PREDICTED = "#e0457b"
 
 
 def clip_size(track: Track) -> tuple[int, int]:
@@ -39,32 +39,18 @@ def draw_overlay(track: Track, study: Study | None, advance: Advance) -> Iterato
 def draw_frame(frame: NDArray[np.uint8], track: Track, study: Study | None, t: int) -> NDArray[np.uint8]:
     """One frame of the clip's size with the track drawn over it, rods whose angles are not to be trusted in red."""
     image = Image.fromarray(frame)
-    draw = ImageDraw.Draw(image)
+    pen = ImageDraw.Draw(image)
     scale = np.array([frame.shape[1], frame.shape[0]]) / track.film.size
-    points = (np.vstack([track.pivot[t], *track.keypoints[t]]) + 0.5) * scale
+    pivot, places = (track.pivot[t] + 0.5) * scale, (track.keypoints[t] + 0.5) * scale
     unit = max(frame.shape[:2]) / 640
-    for k, ends in enumerate(pairwise(points)):
-        if np.isfinite(ends).all():
-            colour = ROD if track.trusted[t, k] else LOST
-            draw.line([tuple(p) for p in ends], fill=colour, width=max(1, round(1.5 * unit)))
-    _cross(draw, points[0], 6 * unit, PIVOT)
-    for point in points[1:]:
-        if np.isfinite(point).all():
-            _ring(draw, point, 4 * unit, KEYPOINT, unit)
-        else:
-            draw.text((8, 8), "not found", fill=LOST, font_size=round(14 * unit))
+    lost = [k for k, rod in enumerate(track.mechanism.rods) if not track.trusted[t, rod.end]]
+    draw_rods(pen, track.mechanism, places, pivot, unit, lost)
+    draw_pivot(pen, pivot, unit)
+    draw_keypoints(pen, places, unit)
+    if not np.isfinite(places).all():
+        pen.text((8, 8), "not found", fill=LOST, font_size=round(14 * unit))
     if study is not None and track.film.times[t] >= study.split:
-        _ring(draw, (track.pixel(t, float(study.prediction[t])) + 0.5) * scale, 8 * unit, PREDICTED, 2 * unit)
+        x, y = (track.pixel(t, float(study.prediction[t])) + 0.5) * scale
+        r = 8 * unit
+        pen.ellipse((x - r, y - r, x + r, y + r), outline=PREDICTED, width=max(1, round(2 * unit)))
     return np.asarray(image)
-
-
-def _ring(draw: ImageDraw.ImageDraw, at: NDArray[np.float64], radius: float, colour: str, width: float) -> None:
-    x, y = at
-    draw.ellipse((x - radius, y - radius, x + radius, y + radius), outline=colour, width=max(1, round(width)))
-    draw.point((x, y), fill=colour)
-
-
-def _cross(draw: ImageDraw.ImageDraw, at: NDArray[np.float64], radius: float, colour: str) -> None:
-    x, y = at
-    draw.line((x - radius, y, x + radius, y), fill=colour, width=2)
-    draw.line((x, y - radius, x, y + radius), fill=colour, width=2)

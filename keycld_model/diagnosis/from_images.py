@@ -175,7 +175,7 @@ def _diagnosed(
         details={
             **report.details,
             "tracked": True,
-            "images": {**_summary(positions), "left_out": [r.id for r in every if r.id not in used]},
+            "images": _summary(positions, [r.id for r in every if r.id not in used]),
         },
     )
 
@@ -197,8 +197,8 @@ def _camera(positions: Positions) -> dict[str, Estimate]:
     return out
 
 
-def _summary(positions: Positions) -> dict[str, object]:
-    """How far the frames are trusted, JSON-compatible."""
+def _summary(positions: Positions, left_out: list[str]) -> dict[str, object]:
+    """How far the frames are trusted, and which recordings hardly show the mechanism, JSON-compatible."""
     shares = {
         r.id: round(float(np.median(e)), 4) for r, e in zip(positions.recordings, positions.explained, strict=True)
     }
@@ -210,6 +210,7 @@ def _summary(positions: Positions) -> dict[str, object]:
         "error": error,
         "frames_together": together,
         "read_astray": round(positions.astray, 4),
+        "left_out": left_out,
     }
 
 
@@ -243,7 +244,7 @@ def _distrusted(
         unexplained=Unexplained(True, 1.0, None, message),
         fit=FitErrors("not measured", "", none, none, none),
         held_out=[],
-        details={"tracked": True, "images": _summary(positions), "not_tried": []},
+        details={"tracked": True, "images": _summary(positions, []), "not_tried": []},
         evidence=Evidence(
             model,
             model,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from plants import problem_of, recordings
 
+from keycld_envs.effects import BaseMotion, ViscousFriction
 from keycld_envs.errors import InputError
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
@@ -12,7 +13,8 @@ from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.decide import Conclusion, doubted
 from keycld_model.diagnosis.verdict.dropped import Dropped
-from keycld_model.diagnosis.verdict.report import Unexplained
+from keycld_model.diagnosis.verdict.findings import may_be_absent
+from keycld_model.diagnosis.verdict.report import Estimate, Finding, Unexplained
 
 
 def test_a_step_in_which_numbers_run_away_is_left_out_with_a_line():
@@ -46,6 +48,19 @@ def test_nothing_is_certain_where_more_than_noise_is_left(verdict, significant, 
     fit = Fit(problem, problem.start(), 0.0, np.eye(0))
     named = Conclusion(verdict, fit, fit, [], 0.0)
     assert doubted(named, Unexplained(significant, fraction, None, "")).verdict == expected
+
+
+def test_what_could_as_well_be_absent_is_no_cause_of_a_large_misfit():
+    model = get_system("pendulum").compile()
+    problem = problem_of(Simulator(model, 0.01), recordings("pendulum", 0, number=1, seconds=0.5))
+    fit, left = Fit(problem, problem.start(), 0.0, np.eye(0)), Unexplained(True, 0.03, "hinge", "")
+    speed = Estimate(13.9, "rad/s", 11.8, 15.9)
+    for low, expected in ((-240.0, "undetermined"), (20.0, "mismatch")):
+        sizes = {"a": Estimate(30.0, "m/s^2", low, 40.0), "b": Estimate(-1.0, "m/s^2", -9.0, 9.0), "w": speed}
+        named = Conclusion("mismatch", fit, fit, [Finding.of(BaseMotion("z"), sizes, 0.9)], 40.0)
+        assert doubted(named, left).verdict == expected
+    unknown = Finding.of(ViscousFriction("hinge", b=0.1), {}, 0.9)
+    assert not may_be_absent(unknown)
 
 
 def test_positions_read_off_images_are_no_other_observation():

@@ -16,7 +16,8 @@ from keycld_envs.rendering import View
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose_images
 from keycld_model.diagnosis.criteria import STANDARD
-from keycld_model.diagnosis.from_images import _mostly_seen, _why_distrusted
+from keycld_model.diagnosis.from_images import _distrusted, _mostly_seen, _why_distrusted
+from keycld_model.diagnosis.output.page import html_page
 from keycld_model.image_alignment import Positions, read_positions
 from keycld_model.image_alignment.films import LARGEST
 from keycld_model.image_alignment.light import Light
@@ -113,6 +114,7 @@ def test_of_another_scene_no_physics_is_named():
     assert report.verdict == "undetermined"
     assert not report.findings
     assert "nothing is said of physics" in report.headline
+    assert "nothing is said of physics" in html_page(report)
 
 
 @pytest.mark.render
@@ -142,6 +144,22 @@ def test_the_sentence_says_why_no_frame_is_believed():
     assert "in recording '05' its picture explains 90 % of what moves" in _why_distrusted(read, STANDARD)
     astray = _why_distrusted(replace(read, astray=0.25), STANDARD)
     assert astray.startswith("25 % of the frames that were drawn at known positions are read elsewhere (10 % may be)")
+
+
+@pytest.mark.render
+def test_the_page_of_frames_that_are_not_believed_shows_them():
+    runs, truth = film("pendulum", runs=1, frames=3)
+    model, none, no_frame = get_system("pendulum").compile(), np.zeros((3, 1)), np.zeros(3, bool)
+    known = {"joint_names": ("hinge",), "units": {"qpos": "rad"}, "qpos": truth[0]}
+    read = replace(runs[0], t_state=runs[0].t_frame, **known)
+    positions = Positions(
+        (read,), (none,), (none[:, 0],), (no_frame,), (), none[0:0, 0], none[0:0, 0], "fixed",
+        (64, 64), none[0], (none,), np.ones(1),
+    )  # fmt: skip
+    report = _distrusted(positions, runs, model, STANDARD, "Give it another camera.")
+    page = html_page(report)
+    assert "Give it another camera." in page and page.count("<figcaption>") == 3
+    assert 'id="errors"' not in page and 'id="rollouts"' not in page
 
 
 def test_recordings_that_hardly_show_the_mechanism_are_left_out():

@@ -10,7 +10,7 @@ from keycld_model.diagnosis.estimation.replay import predicted, rollout_error
 from keycld_model.diagnosis.search.criterion import dispersion
 from keycld_model.diagnosis.search.explain import Explanation
 from keycld_model.diagnosis.search.residual_fit import ROUNDS, fit_residual_force, lengthened, residual_force_of
-from keycld_model.diagnosis.verdict.findings import residual_force_finding
+from keycld_model.diagnosis.verdict.findings import may_be_absent, residual_force_finding
 from keycld_model.diagnosis.verdict.held_out import HeldOut
 from keycld_model.diagnosis.verdict.report import Finding, Unexplained, Verdict
 
@@ -84,11 +84,10 @@ def decide_on_residual(named: Conclusion, explained: Explanation, held_out: Held
 
 
 def doubted(named: Conclusion, left: Unexplained) -> Conclusion:
-    """What was decided on named effects, undetermined where they leave more than they may."""
-    most = named.fit.problem.criteria.unexplained_share
-    if left.significant and (named.verdict == "no_mismatch" or left.fraction > most):
-        return replace(named, verdict="undetermined")
-    return named
+    """What was decided on named effects, undetermined where they leave more than they may, or may as well be absent."""
+    most, absent = named.fit.problem.criteria.unexplained_share, [may_be_absent(f) for f in named.findings]
+    doubtful = named.verdict == "no_mismatch" or left.fraction > most or (bool(absent) and all(absent))
+    return replace(named, verdict="undetermined") if left.significant and doubtful else named
 
 
 class Rollouts(NamedTuple):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from keycld_envs.effects import Effect, ExternalPulse, Parameter
+from keycld_envs.effects import Effect, ExternalPulse, Parameter, effect_class
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.pulses import joined
 from keycld_model.diagnosis.estimation.replay import mean_square
@@ -175,6 +175,14 @@ def residual_force_finding(fit: Fit, share: float) -> Finding:
     """The finding of a residual force, which gained a share of all that was gained on held-out recordings."""
     effect = fit.effects[-1]
     return Finding.of(effect, {}, share, region=_region(fit, effect))
+
+
+def may_be_absent(finding: Finding) -> bool:
+    """Whether the intervals of all coefficients hold what is none of the effect; of effects of the library."""
+    effect = effect_class(finding.effect, finding.where["kind"])
+    coefficients = [] if effect is None else [p for p in effect.parameters() if not p.grid]
+    intervals = [(p.absent, finding.parameters[p.name]) for p in coefficients if p.name in finding.parameters]
+    return bool(intervals) and all(found.low <= absent <= found.high for absent, found in intervals)
 
 
 def calibrated(findings: Sequence[Finding], left: Unexplained) -> list[Finding]:
