@@ -45,6 +45,7 @@ from keycld_model.diagnosis.verdict.dropped import Dropped
 from keycld_model.diagnosis.verdict.evidence import evidence
 from keycld_model.diagnosis.verdict.findings import (
     calibrated,
+    far_off,
     findings_of,
     nuisance_of,
     pulses_of,
@@ -189,7 +190,7 @@ def _report(
     errors = _errors(concluded, rollouts, tested)
     return Report(
         verdict=concluded.verdict,
-        headline=headline(concluded.verdict, concluded.findings, errors, left),
+        headline=headline(concluded.verdict, concluded.findings, errors, left, far_off(concluded.fit)),
         findings=calibrated(concluded.findings, left),
         nuisance=nuisance_of(concluded.fit),
         unexplained=left,

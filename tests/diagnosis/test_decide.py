@@ -1,5 +1,7 @@
 """What stands where a step of the diagnosis fails."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plants import problem_of, recordings
@@ -10,11 +12,12 @@ from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.inputs.observation import JointPositions
+from keycld_model.diagnosis.output.words import headline
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.decide import Conclusion, doubted
 from keycld_model.diagnosis.verdict.dropped import Dropped
-from keycld_model.diagnosis.verdict.findings import may_be_absent
-from keycld_model.diagnosis.verdict.report import Estimate, Finding, Unexplained
+from keycld_model.diagnosis.verdict.findings import far_off, may_be_absent
+from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Unexplained
 
 
 def test_a_step_in_which_numbers_run_away_is_left_out_with_a_line():
@@ -61,6 +64,21 @@ def test_what_could_as_well_be_absent_is_no_cause_of_a_large_misfit():
         assert doubted(named, left).verdict == expected
     unknown = Finding.of(ViscousFriction("hinge", b=0.1), {}, 0.9)
     assert not may_be_absent(unknown)
+
+
+def test_lengths_and_zeros_that_are_far_off_are_said():
+    model = get_system("pendulum").compile()
+    problem = problem_of(Simulator(model, 0.01), recordings("pendulum", 0, number=1, seconds=0.5))
+    point, values = problem.start(), {"length": np.log(2.25), "mass": -0.3, "zero": -0.07}
+    changed = replace(point.variant, values=tuple(values.get(n.kind, 0.0) for n in problem.nuisances))
+    assert far_off(Fit(problem, point, 0.0, np.eye(0))) == []
+    odd = far_off(Fit(problem, replace(point, variant=changed), 0.0, np.eye(0)))
+    assert odd == ["the length of pole is 2.25 times the simulator's", "the zero of hinge is off by -0.07 rad"]
+    errors, left = FitErrors("", "mrad", 1.0, 1.0, 1.0), Unexplained(False, 0.0, None, "")
+    assert headline("no_mismatch", [], errors, left, odd[:1]).endswith(
+        "For that, the length of pole is 2.25 times the simulator's: check the simulator, the units and the clocks."
+    )
+    assert headline("no_mismatch", [], errors, left).endswith("only noise is left.")
 
 
 def test_positions_read_off_images_are_no_other_observation():

@@ -99,26 +99,34 @@ def rival(text: str) -> str:
     return f"{in_sentence(name)}{at}{where}" if name != "nothing" else name
 
 
-def headline(verdict: Verdict, findings: Sequence[Finding], errors: FitErrors, unexplained: Unexplained) -> str:
-    """What was found, in one sentence.
+def headline(
+    verdict: Verdict,
+    findings: Sequence[Finding],
+    errors: FitErrors,
+    unexplained: Unexplained,
+    far_off: Sequence[str] = (),
+) -> str:
+    """What was found, in one sentence, and in another one what the simulator was told wrongly.
 
     Args:
         verdict: of a report.
         findings: of the report.
         errors: of the report.
         unexplained: of the report.
+        far_off: refitted masses, lengths and zeros that are off by more than is expected of any mechanism, in words.
     """
+    told = f" For that, {' and '.join(far_off)}: check the simulator, the units and the clocks." if far_off else ""
     if not findings:
         if unexplained.significant:
-            return f"No effect of the library explains what differs. {unexplained.message}"
-        return "Nothing is missing. With masses, lengths and encoder zeros refitted, only noise is left."
+            return f"No effect of the library explains what differs. {unexplained.message}{told}"
+        return f"Nothing is missing. With masses, lengths and encoder zeros refitted, only noise is left.{told}"
     what = _few(findings) if len(findings) < 3 else _many(findings)
     lacks = "lacks" if verdict == "mismatch" else "may lack"
     what = f"{what} that the simulator {lacks}" if len(findings) < 3 else f"The simulator {lacks} {what}"
     verb = "falls" if errors.corrected < errors.refitted else "goes"
     return (
         f"{what[0].upper()}{what[1:]}; held-out error {verb} from {error(errors.refitted)} to "
-        f"{error(errors.corrected)} {errors.unit}."
+        f"{error(errors.corrected)} {errors.unit}.{told}"
     )
 
 

@@ -98,6 +98,17 @@ def nuisance_of(fit: Fit) -> dict[str, Estimate]:
     return out
 
 
+def far_off(fit: Fit) -> list[str]:
+    """Refitted masses, lengths and zeros that are off by more than is expected of any mechanism, in words."""
+    far, out = fit.problem.criteria.significant, []
+    for nuisance, value in zip(fit.problem.nuisances, fit.point.variant.values, strict=False):
+        if nuisance.factor and abs(value) > far * nuisance.spread:
+            out.append(f"the {nuisance.name} is {np.exp(value):.3g} times the simulator's")
+        elif nuisance.kind == "zero" and abs(value) > far * nuisance.spread:
+            out.append(f"the {nuisance.name} is off by {value:.3g} {nuisance.unit}")
+    return out
+
+
 def unexplained_of(*tested: tuple[Fit, Fit]) -> Unexplained:
     """What fits to held-out recordings leave, where they leave most.
 
