@@ -210,6 +210,7 @@ def _summary(positions: Positions, left_out: list[str]) -> dict[str, object]:
         "error": error,
         "frames_together": together,
         "read_astray": round(positions.astray, 4),
+        "repeated": positions.repeated,
         "left_out": left_out,
     }
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,12 @@ class Films:
     Attributes:
         times: of each recording, `[T]` s.
         frames: of each, `[T, H, W, 3]`.
+        repeated: number of frames that are left out of all, because they show an earlier one again.
     """
 
     times: tuple[Array, ...]
     frames: tuple[Frames, ...]
+    repeated: int = 0
 
     @property
     def size(self) -> tuple[int, int]:
@@ -49,12 +52,12 @@ class Films:
 
 
 def read_films(recordings: Sequence[Recording]) -> Films:
-    """The frames of recordings; large ones are reduced.
+    """The frames of recordings without repeated ones; large ones are reduced.
 
     Raises:
         InputError: if there are none, or of several sizes, or fewer than two in a recording.
     """
-    times, films = [], []
+    times, films, repeated = [], [], 0
     for recording in recordings:
         times.append(frame_times(recording))
         films.append(np.stack([reduced(frame, LARGEST) for frame in recording.iter_frames()]))
@@ -64,7 +67,33 @@ def read_films(recordings: Sequence[Recording]) -> Films:
                 f"Recording {recording.id!r} has frames of {sizes[1]} pixels, but {recordings[0].id!r} of {sizes[0]}; "
                 "one camera with one setting is needed."
             )
-    return Films(tuple(times), tuple(films))
+        again = repeats(films[-1])
+        times[-1], films[-1], repeated = times[-1][~again], films[-1][~again], repeated + int(again.sum())
+    return Films(tuple(times), tuple(films), repeated)
+
+
+def repeats(frames: Frames) -> NDArray[np.bool_]:
+    """`[T]` which frames show an earlier one again, because a camera or a decoder left some out.
+
+    They equal the one before in every pixel, and the picture changes faster than usual where that begins or ends. A
+    mechanism that comes to rest without any noise repeats itself as well, but gets slower first.
+
+    Args:
+        frames: `[T, H, W, 3]`.
+    """
+    changes = np.array([np.abs(b.astype(np.int16) - a).mean() for a, b in pairwise(frames)])
+    same, out = changes == 0, np.zeros(len(frames), bool)
+    if same.all() or not same.any():
+        return out
+    usual, k = float(np.median(changes[~same])), 0
+    while k < len(changes):
+        end = k
+        while end < len(changes) and same[end]:
+            end += 1
+        beside = [changes[i] for i in (k - 1, end) if 0 <= i < len(changes)]
+        out[k + 1 : end + 1] = max(beside) > usual
+        k = end + 1
+    return out
 
 
 def frame_times(recording: Recording) -> Array:

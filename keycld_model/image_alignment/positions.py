@@ -65,6 +65,7 @@ class Positions:
         astray: share of frames drawn at known positions that are read elsewhere; if it is more than `MOST_ASTRAY`, no
             frame is readable.
         by_look: how far they are off where the look is; None where none was fitted, or no frame tells positions.
+        repeated: number of frames that were left out, because they show an earlier one again.
     """
 
     recordings: tuple[Recording, ...]
@@ -81,6 +82,7 @@ class Positions:
     together: Array
     astray: float = 0.0
     by_look: LookErrors | None = None
+    repeated: int = 0
 
     @property
     def trusted(self) -> float:
@@ -224,4 +226,5 @@ def _positions(
         frames_together([part.error / found.deviation(part.unexplained, part.fit_variance) for part in again]),
         astray,
         by_look,
+        films.repeated,
     )

@@ -19,7 +19,7 @@ from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.from_images import _distrusted, _mostly_seen, _why_distrusted
 from keycld_model.diagnosis.output.page import html_page
 from keycld_model.image_alignment import Positions, read_positions
-from keycld_model.image_alignment.films import LARGEST
+from keycld_model.image_alignment.films import LARGEST, repeats
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import lengthen
 from keycld_model.image_alignment.scene import Scene
@@ -181,6 +181,23 @@ def test_light_is_a_factor_and_an_offset_that_strangers_do_not_change():
     light = Light.of(drawn, shown.astype(np.float32))
     assert light.gain == pytest.approx([0.8, 0.9, 1.1], abs=0.01)
     assert light.offset == pytest.approx([5, 10, -5], abs=1)
+
+
+def test_frames_that_a_camera_repeats_are_no_standstill():
+    def shown(*columns: float) -> NDArray[np.uint8]:
+        x, shades = np.arange(64)[None, :], np.array(columns)[:, None]
+        row = 200 * np.exp(-(((x - shades) / 6) ** 2))
+        return np.broadcast_to(row[:, None, :, None], (len(columns), 64, 64, 3)).astype(np.uint8)
+
+    moving = np.linspace(10, 50, 21)
+    assert not repeats(shown(*moving)).any()
+    frozen = moving.copy()
+    frozen[8:12], frozen[18:] = frozen[7], frozen[17]
+    assert np.flatnonzero(repeats(shown(*frozen))).tolist() == [8, 9, 10, 11, 18, 19, 20]
+    settling = 10 + 40 * np.exp(-np.arange(40) / 3.0)  # until the last frames are alike
+    assert (np.diff(shown(*settling).astype(int), axis=0)[-3:] == 0).all()
+    assert not repeats(shown(*settling)).any()
+    assert not repeats(shown(*np.full(5, 20.0))).any()
 
 
 def test_large_frames_are_reduced_by_means():
