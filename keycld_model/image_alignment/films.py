@@ -75,8 +75,8 @@ def read_films(recordings: Sequence[Recording]) -> Films:
 def repeats(frames: Frames) -> NDArray[np.bool_]:
     """`[T]` which frames show an earlier one again, because a camera or a decoder left some out.
 
-    They equal the one before in every pixel, and the picture changes faster than usual where that begins or ends. A
-    mechanism that comes to rest without any noise repeats itself as well, but gets slower first.
+    They equal the one before in every pixel, and the picture changes half as fast as usual, or faster, where that begins
+    or ends. A mechanism that comes to rest without any noise repeats itself as well, but gets slower first.
 
     Args:
         frames: `[T, H, W, 3]`.
@@ -91,7 +91,7 @@ def repeats(frames: Frames) -> NDArray[np.bool_]:
         while end < len(changes) and same[end]:
             end += 1
         beside = [changes[i] for i in (k - 1, end) if 0 <= i < len(changes)]
-        out[k + 1 : end + 1] = max(beside) > usual
+        out[k + 1 : end + 1] = max(beside) > usual / 2
         k = end + 1
     return out
 
