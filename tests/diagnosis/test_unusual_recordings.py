@@ -11,13 +11,14 @@ from keycld_control.cli import main
 from keycld_envs.effects import ActuatorGain, Backlash
 from keycld_envs.effects.gain_drift import GainDrift
 from keycld_envs.errors import InputError
-from keycld_envs.recordings import write_recording
+from keycld_envs.recordings import Recording, write_recording
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.replay import mean_square, rollout_error
 from keycld_model.diagnosis.inputs.checks import check
 from keycld_model.diagnosis.inputs.observation import JointPositions
+from keycld_model.diagnosis.inputs.observation.checks import check_positions
 from keycld_model.diagnosis.inputs.prepare import ready, split
 from keycld_model.diagnosis.simulation.contacts import without_contacts
 from keycld_model.diagnosis.simulation.simulator import Simulator
@@ -149,6 +150,15 @@ def test_what_acts_on_the_joint_of_a_motor_needs_one():
     assert [e.where for e in ActuatorGain.candidates(model)] == ["thrust", "m"]
     for kind in (GainDrift, Backlash):
         assert [e.where for e in kind.candidates(model)] == ["m"]
+
+
+def test_angles_may_be_far_apart_across_a_pause(model):
+    t = np.r_[np.arange(20), 70 + np.arange(20)] / 100
+    turned = np.r_[np.linspace(0, 1, 20), np.linspace(7, 8, 20)][:, None]
+    run = Recording(id="0", source="simulation", t_state=t, qpos=turned, joint_names=("hinge",), units={"qpos": "rad"})
+    check_positions(run, model)
+    with pytest.raises(InputError, match="jump by 6 rad"):
+        check_positions(replace(run, t_state=np.arange(40) / 100), model)
 
 
 def test_recordings_are_refused_with_the_field_and_the_remedy(runs, model):
