@@ -176,22 +176,26 @@ def _write(report: "Report", simulator: "Source | JointModel | WorldModel", out:
     )
 
     environment = corrected = None
+    unread = report.evidence is not None and not report.evidence.rollouts  # images that are not believed
     if isinstance(simulator, JointModel):
         if report.evidence is not None:
             left = write_corrected_joint_model(report.evidence, out / "corrected_model")
             report = _without(report, [*map(str, left), "own errors, which are refitted to the recordings at hand"])
     else:
         if isinstance(simulator, WorldModel):
-            report = _without(report, _write_corrected_world_model(report, simulator, out / "corrected_model"))
+            if not unread:
+                report = _without(report, _write_corrected_world_model(report, simulator, out / "corrected_model"))
             document = learned_simulator(simulator)
             simulator = Source(document.model, document.xml)
         environment = simulator.environment
-        if report.evidence is not None and simulator.mjcf is not None:
+        if report.evidence is not None and simulator.mjcf is not None and not unread:
             try:
                 write_corrected(report.evidence, simulator, out / "corrected.xml")
                 corrected = "corrected.xml"
             except InputError as error:
                 print(f"keycld: There is no corrected.xml: {error}", file=sys.stderr)
+    if corrected is None:
+        (out / "corrected.xml").unlink(missing_ok=True)  # of an earlier report
     write_json(out / "report.json", report.to_dict())
     write_page(report, out / "report.html", environment, corrected)
     return report

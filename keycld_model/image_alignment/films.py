@@ -75,8 +75,8 @@ def read_films(recordings: Sequence[Recording]) -> Films:
 def repeats(frames: Frames) -> NDArray[np.bool_]:
     """`[T]` which frames show an earlier one again, because a camera or a decoder left some out.
 
-    They equal the one before in every pixel, and the picture changes half as fast as usual, or faster, where that begins
-    or ends. A mechanism that comes to rest without any noise repeats itself as well, but gets slower first.
+    They equal the one before in every pixel, and the picture changes half as fast as usual, or faster, where that
+    begins or ends. A mechanism that comes to rest without any noise repeats itself as well, but gets slower first.
 
     Args:
         frames: `[T, H, W, 3]`.

@@ -47,12 +47,19 @@ class Look:
         deviation: `[p]` their standard deviations, see `design_effect`.
         lights: of each recording.
         bank: drawings with these values.
+        best: of each recording, the pose that explains most of one of the frames that were fitted to.
     """
 
     values: Array
     deviation: Array
     lights: tuple[Light, ...]
     bank: Bank
+    best: tuple[Pose, ...]
+
+    @property
+    def seen(self) -> bool:
+        """Whether the mechanism was seen in any frame."""
+        return any(pose.explained > UNSEEN for pose in self.best)
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,9 @@ def fit_look(
         state, moved = _again(scene, state)
         if turn and moved <= FEW and state.moves <= SETTLED:
             break
-    return Look(state.values, state.deviation, tuple(_lights(scene, state)), state.bank)
+    of_each = [[s.pose for s in state.samples if s.recording == r] for r in range(len(stills))]
+    best = tuple(max(poses, key=lambda pose: pose.explained) for poses in of_each)
+    return Look(state.values, state.deviation, tuple(_lights(scene, state)), state.bank, best)
 
 
 class _State(NamedTuple):

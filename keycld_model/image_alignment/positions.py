@@ -1,6 +1,6 @@
 """Joint positions of recordings from their frames alone."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -26,7 +26,7 @@ from keycld_model.image_alignment.calibration import (
     unexplained_by,
 )
 from keycld_model.image_alignment.films import Films, read_films
-from keycld_model.image_alignment.fit_look import STEPS, Look, fit_look
+from keycld_model.image_alignment.fit_look import STEPS, UNSEEN, Look, find_pose, fit_look
 from keycld_model.image_alignment.follow import follow, turning
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import LookParameter
@@ -36,6 +36,7 @@ from keycld_model.image_alignment.scene import Scene
 from keycld_model.turns import on_common_turns
 
 Array = NDArray[np.float64]
+Image = NDArray[np.float32]
 Job = tuple[Light, Array, NDArray[np.uint8]]
 FRAMES = 18
 """Frames that the look is fitted to."""
@@ -119,9 +120,10 @@ def read_positions(
             advance(100)
             look = fit_look(scene, stills, films.spread(FRAMES), bank, partial(advance, 200 // STEPS))
             reader, parameters = _Reader(model, name, quality, look.values, look.bank), scene.parameters
+            seen = look.seen or _shown(scene, look, films, stills)
         jobs = list(zip(look.lights, films.times, films.frames, strict=True))
         followed, changes = [], []
-        for poses, of_look in each(reader.follow, jobs, min(workers, len(jobs))):
+        for poses, of_look in each(reader.follow, jobs, min(workers, len(jobs))) if seen else _unseen(look, films):
             followed.append(poses)
             changes += of_look
             advance(len(poses))
@@ -131,6 +133,22 @@ def read_positions(
         again = list(each(reader.error, tested, min(workers, len(tested))))
     by_look = LookErrors.of(parameters, look.deviation, turning(model), changes) if changes else None
     return _positions(recordings, model, films, followed, look, parameters, name, again, by_look)
+
+
+def _shown(scene: Scene, look: Look, films: Films, stills: Sequence[Image]) -> bool:
+    """Whether a recording shows the mechanism in the frame that differs most from what is still."""
+    for frames, still, light in zip(films.frames, stills, look.lights, strict=True):
+        most = max(frames, key=lambda frame: float(np.abs(frame - still).mean())).astype(np.float32)
+        pose = find_pose(scene, look.values, light, most, look.bank, light.apply(look.bank.still))
+        if pose.explained > UNSEEN:
+            return True
+    return False
+
+
+def _unseen(look: Look, films: Films) -> Iterator[tuple[list[Pose], list[Change]]]:
+    """A pose that tells nothing for every frame, of recordings that show something else."""
+    for pose, frames in zip(look.best, films.frames, strict=True):
+        yield [pose] * len(frames), []
 
 
 def _spread(followed: Sequence[Sequence[Pose]]) -> NDArray[np.intp]:

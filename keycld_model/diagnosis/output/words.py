@@ -115,7 +115,8 @@ def headline(
         unexplained: of the report.
         far_off: refitted masses, lengths and zeros that are off by more than is expected of any mechanism, in words.
     """
-    told = f" For that, {' and '.join(far_off)}: check the simulator, the units and the clocks." if far_off else ""
+    odd = " and ".join([", ".join(far_off[:-1]), far_off[-1]] if len(far_off) > 1 else far_off)
+    told = f" For that, {odd}: check the simulator, the units and the clocks." if odd else ""
     if not findings:
         if unexplained.significant:
             return f"No effect of the library explains what differs. {unexplained.message}{told}"
