@@ -97,6 +97,8 @@ class Criteria:
         far_above_noise: mean square of what is left over that of the noise, in a quarter of the windows, from which the
             sensors' noise is no measure: five standard deviations. Of 40 simulated mechanisms (seed 21), without
             held-out recordings, none went beyond 21.3.
+        otherwise: share of the misfit's mean square that is left when a column is read otherwise, below which it was
+            probably written down so; physics that is missing leaves more of it, since it acts either way.
         vibrates: share by which unknown forces, at any joint, may grow when they are given half the time, for it to be
             the mechanism's own motion that is followed; following vibrations of links takes 1.3 to 2.5 times.
         moves: share of how far a joint travels in the tenth of the windows in which it travels most; with less it is
@@ -137,6 +139,7 @@ class Criteria:
     changed: float = 25.0
     detectable: float = 1e6
     far_above_noise: float = 25.0
+    otherwise: float = 0.06
     vibrates: float = 0.1
     moves: float = 0.03
     everywhere: float = 0.02

@@ -52,8 +52,10 @@ from keycld_model.diagnosis.verdict.findings import (
     unexplained_of,
 )
 from keycld_model.diagnosis.verdict.held_out import HeldOut
+from keycld_model.diagnosis.verdict.other_way_round import other_way_round
 from keycld_model.diagnosis.verdict.report import FitErrors, Report, Unexplained
 from keycld_model.diagnosis.verdict.rivals import Rivals
+from keycld_model.rigid_body.residual_force import ResidualForce
 
 
 def diagnose(
@@ -131,10 +133,28 @@ def _lacking(
         with progress("Weighing the misfit", total=100) as advance:
             report = lacking(recordings, held_out, bare, criteria, advance, budget.leaves_out)
         if report is not None:
-            return report
+            return _read_otherwise(report, training, observation, bare, criteria)
     with progress("Diagnosing", total=100) as advance:
         explained = _explained(bare, training, observation, criteria, budget, advance)
-        return _report(model, explained, test, budget, advance)
+        report = _report(model, explained, test, budget, advance)
+    return _read_otherwise(report, training, observation, bare, criteria) if encoders else report
+
+
+def _read_otherwise(
+    report: Report,
+    training: Sequence[Recording],
+    observation: Observation,
+    model: mujoco.MjModel,
+    criteria: Criteria,
+) -> Report:
+    """The report, undetermined and with a word in front, if recordings seem to be written down wrongly."""
+    if not report.unexplained.significant and all(found.effect != ResidualForce.id for found in report.findings):
+        return report
+    simulator = Simulator(model, accurate_step(training), criteria=criteria)
+    said = other_way_round(training, observation, simulator, criteria)
+    if said is None:
+        return report
+    return replace(report, verdict="undetermined", headline=f"{said} As they are: {report.headline}")
 
 
 def _changed(

@@ -10,6 +10,7 @@ from keycld_envs.effects import BaseMotion, ViscousFriction
 from keycld_envs.errors import InputError
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
+from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.output.words import headline
@@ -17,6 +18,7 @@ from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.decide import Conclusion, doubted
 from keycld_model.diagnosis.verdict.dropped import Dropped
 from keycld_model.diagnosis.verdict.findings import far_off, may_be_absent
+from keycld_model.diagnosis.verdict.other_way_round import other_way_round
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Unexplained
 
 
@@ -79,6 +81,27 @@ def test_lengths_and_zeros_that_are_far_off_are_said():
         "For that, the length of pole is 2.25 times the simulator's: check the simulator, the units and the clocks."
     )
     assert headline("no_mismatch", [], errors, left).endswith("only noise is left.")
+
+
+def _told(change) -> str | None:
+    model = get_system("acrobot").compile()
+    runs = [change(r) for r in recordings("acrobot", 0, number=2, seconds=1.0)]
+    simulator, seen = Simulator(model, 0.01), JointPositions(model)
+    return other_way_round(runs, seen.calibrated(runs), simulator, STANDARD)
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        (lambda r: r, None),
+        (lambda r: replace(r, action=np.asarray(r.action) * [1, -1]), "the commands of 'elbow' count the other way"),
+        (lambda r: replace(r, qpos=np.asarray(r.qpos) * [1, -1]), "the positions of 'elbow' count the other way"),
+        (lambda r: replace(r, qpos=np.cumsum(r.qpos, axis=1)), "the positions of 'elbow' count from the ground"),
+    ],
+)  # fmt: skip
+def test_columns_that_are_written_down_otherwise_are_told(change, said):
+    told = _told(change)
+    assert told is None if said is None else said in told and "times nearer to the recordings" in told
 
 
 def test_positions_read_off_images_are_no_other_observation():

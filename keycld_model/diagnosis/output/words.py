@@ -11,6 +11,8 @@ from keycld_model.rigid_body.residual_force import ResidualForce
 
 MUCH_BEYOND = 0.25
 """Share of the time beyond the range of a baseline that a headline mentions."""
+FINEST = 1e-4
+"""Of a number, beyond which no digits are written, however narrow its interval."""
 
 
 def effect_name(effect: str) -> str:
@@ -47,7 +49,7 @@ def decimals(spread: float) -> int:
 def measured(estimate: Estimate) -> str:
     """A number, its 90 % interval and its unit: "0.0503 ± 0.0008 N·m"."""
     spread = (estimate.high - estimate.low) / 2
-    digits = decimals(spread)
+    digits = decimals(max(spread, FINEST * abs(estimate.value)))
     middle = abs(estimate.high + estimate.low - 2 * estimate.value) <= 0.2 * (estimate.high - estimate.low)
     interval = f"± {spread:.{digits}f}"
     if not middle:
