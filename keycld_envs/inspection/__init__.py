@@ -70,6 +70,8 @@ def inspect(system: System, seed: int = 0) -> Inspection:
     wrong = tuple(motion.problems(system, poses, actuators))
     usual = motion.speed(system, seed)
     minded = (*motion.advice(system, seed, poses, usual), *camera.advice(poses), *_contacts(poses))
+    if not wrong:
+        minded += tuple(motion.without_task(system))
     return Inspection(poses, values, seen, actuators, usual, wrong, minded)
 
 

@@ -129,8 +129,6 @@ def problems(system: System, poses: Poses, found: tuple[Actuator, ...]) -> Itera
 def advice(system: System, seed: int, poses: Poses, usual: Speed) -> Iterator[str]:
     """What makes the target hard to hold, and how to record what is too fast or slow by default, a sentence each."""
     yield from _hard_to_hold(poses)
-    if system.actuators and np.abs(np.subtract(system.target_qpos, system.hanging_qpos)).max() < SAME_POSE:
-        yield "target_qpos is hanging_qpos, where the mechanism is without any action; name where it should swing to."
     if usual.travel < SLOWEST:
         yield (
             f"Keypoints move {usual.travel:.1f} pixels within {FRAMES} frames, which is little to learn from; record "
@@ -148,6 +146,12 @@ def advice(system: System, seed: int, poses: Poses, usual: Speed) -> Iterator[st
             yield f"{fast}to the next, too fast to follow; record with --action-range {limit:.2g}, or lower timestep."
             return
     yield f"{fast}to the next, whatever the actions, too fast to follow; lower timestep, or narrow start_range."
+
+
+def without_task(system: System) -> Iterator[str]:
+    """Whether there is anything to do at all."""
+    if system.actuators and np.abs(np.subtract(system.target_qpos, system.hanging_qpos)).max() < SAME_POSE:
+        yield "target_qpos is hanging_qpos, where the mechanism is without any action; name where it should swing to."
 
 
 def _run(
