@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.inspection.poses import PIXEL, Poses
+from keycld_envs.inspection.tree import HINGE, SLIDE
 from keycld_envs.mechanism import Mechanism, Rod, Slider
 
 RIGID = 0.5 * PIXEL
 """Image units by which a constraint may vary, half a pixel: more than perspective and less than any motion."""
 SHORTEST = 2 * PIXEL
 """Image units; the direction of a shorter rod is lost in pixels."""
-HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 RANK = 1e-6
 """Of the greatest singular value, below which one counts as zero."""
 
@@ -193,7 +193,6 @@ def _freedom(poses: Poses) -> Iterator[str]:
 def _riding(model: mujoco.MjModel) -> str | None:
     """A slide joint on a body that other joints move, by name."""
     for joint in np.flatnonzero(model.jnt_type == SLIDE):
-        parent = int(model.body_parentid[model.jnt_bodyid[joint]])
-        if model.body_dofnum[parent] or model.body_weldid[parent]:
+        if model.body_weldid[model.body_parentid[model.jnt_bodyid[joint]]]:
             return str(model.joint(int(joint)).name)
     return None

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
+from keycld_envs.inspection.poses import SIDE
 from keycld_envs.mechanism import Rod, Slider
 from keycld_envs.projection import world_to_image
 from keycld_envs.systems import Landmark
@@ -170,14 +171,11 @@ class Tree:
         return (float(-y / np.hypot(x, y)), float(x / np.hypot(x, y)))
 
     def _in_image(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
-        return world_to_image(self.model, self.data, at, self.camera, 64, 64)
+        return world_to_image(self.model, self.data, at, self.camera, SIDE, SIDE)
 
     def _moving_parent(self, body: int) -> int:
         """The nearest body towards the ground that has a joint; 0 if there is none."""
-        parent = int(self.model.body_parentid[body])
-        while parent and not self.model.body_jntnum[parent]:
-            parent = int(self.model.body_parentid[parent])
-        return parent
+        return int(self.model.body_weldid[self.model.body_parentid[body]])
 
     def _next_joints(self, body: int) -> Iterator[NDArray[np.float64]]:
         """Where other bodies are joined to a body, [3] each, m."""

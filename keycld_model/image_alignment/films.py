@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 Frames = NDArray[np.uint8]
 LARGEST = 96
 """Pixels along the longer side of images that are aligned; larger frames are reduced by a whole number."""
+LEAP = 0.5
+"""Times the usual change of the picture from frame to frame, beside frames that are repeated; what rests slows down."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ def repeats(frames: Frames) -> NDArray[np.bool_]:
         while end < len(changes) and same[end]:
             end += 1
         beside = [changes[i] for i in (k - 1, end) if 0 <= i < len(changes)]
-        out[k + 1 : end + 1] = max(beside) > usual / 2
+        out[k + 1 : end + 1] = max(beside) > LEAP * usual
         k = end + 1
     return out
 

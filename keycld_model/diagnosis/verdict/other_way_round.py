@@ -6,6 +6,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.inputs.observation import Observation
@@ -39,9 +40,13 @@ def other_way_round(
         return np.inf if found is None or not np.isfinite(found) else found
 
     usual = misfit(lambda recording: recording)
-    if usual < criteria.far_above_noise:
+    if not criteria.far_above_noise <= usual < np.inf:
         return None
-    tried = {words: misfit(change) for words, change in _changes(simulator.model, recordings)}
+    changes, tried = list(_changes(simulator.model, recordings)), {}
+    with progress("Reading columns otherwise", total=len(changes)) as advance:
+        for words, change in changes:
+            tried[words] = misfit(change)
+            advance()
     best = min(tried.values(), default=np.inf)
     if best > criteria.otherwise * usual:
         return None
