@@ -133,11 +133,11 @@ def _lacking(
         with progress("Weighing the misfit", total=100) as advance:
             report = lacking(recordings, held_out, bare, criteria, advance, budget.leaves_out)
         if report is not None:
-            return _read_otherwise(report, training, observation, bare, criteria, budget)
+            return _read_otherwise(report, training, observation, bare, criteria)
     with progress("Diagnosing", total=100) as advance:
         explained = _explained(bare, training, observation, criteria, budget, advance)
         report = _report(model, explained, test, budget, advance)
-    return _read_otherwise(report, training, observation, bare, criteria, budget) if encoders else report
+    return _read_otherwise(report, training, observation, bare, criteria) if encoders else report
 
 
 def _read_otherwise(
@@ -146,12 +146,9 @@ def _read_otherwise(
     observation: Observation,
     model: mujoco.MjModel,
     criteria: Criteria,
-    budget: Budget,
 ) -> Report:
     """The report, undetermined and with a word in front, if recordings seem to be written down wrongly."""
     if not report.unexplained.significant and all(found.effect != ResidualForce.id for found in report.findings):
-        return report
-    if budget.leaves_out("columns that count the other way round"):
         return report
     simulator = Simulator(model, accurate_step(training), criteria=criteria)
     said = other_way_round(training, observation, simulator, criteria)
