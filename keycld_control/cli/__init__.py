@@ -163,6 +163,8 @@ def _run(words: list[str]) -> int:
     command = importlib.import_module(f"{__name__}.{name}")
     args = tyro.cli(command.Args, prog=f"keycld {name}", args=words[1:], config=(tyro.conf.FlagCreatePairsOff,))
     try:
+        if name != "doctor":  # which says what is wrong where this cannot be imported
+            importlib.import_module("keycld_envs")  # chooses an OpenGL that is there, before others import MuJoCo
         code = command.run(args)
     except _input_errors() as error:
         print(f"keycld: {error}", file=sys.stderr)

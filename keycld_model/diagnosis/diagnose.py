@@ -224,8 +224,13 @@ def _report(
 
 
 def _left(named: Conclusion, explained: Explanation, before: Fit, tested: HeldOut) -> Unexplained:
-    """What named effects leave of held-out recordings, and of long rollouts, in which small errors of a form add up."""
+    """What named effects leave of held-out recordings, and of long rollouts, in which small errors of a form add up.
+
+    Where nothing is named, nor may training recordings leave more than noise.
+    """
     pairs = [(before, named.tested)]
+    if named.verdict == "no_mismatch":
+        pairs.append((explained.refitted, explained.refitted))
     if named.findings and not named.fit.point.variant.pulses:
         pairs.append((tested.long(explained.refitted), tested.continued(named.fit)))
     return unexplained_of(*pairs)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.light import Light
-from keycld_model.image_alignment.look import CAMERA
 from keycld_model.image_alignment.pose import FINEST, OUTLIER, Pose, align, robust_weights
 from keycld_model.image_alignment.scene import STEP, Scene, softened
 
@@ -23,9 +22,9 @@ SHARP = (0.5, 0.5, 0.0, 0.0, 0.0)
 STEPS = len(COARSE) + len(SHARP)
 """Steps, unless some poses turn out to have been wrong."""
 ROUNDS = 3
-"""Times that the last steps are gone at most: again where poses were wrong, or the camera is not at rest."""
+"""Times that the last steps are gone at most: again where poses were wrong, or camera and lengths are not at rest."""
 SETTLED = 0.05
-"""Pixels that the last step of a camera at rest moves what is seen, at most: no more than positions may be off."""
+"""Pixels that the last step of a look at rest moves what is seen, at most: no more than positions may be off."""
 FEW = 0.1
 """Share of the frames whose poses may have been wrong, because they show little."""
 WRONG = 0.1
@@ -132,7 +131,7 @@ class _State(NamedTuple):
         lights: of each recording.
         bank: drawings with the values of when poses were last looked for.
         samples: with their poses.
-        moves: how far the camera's last step moves what is seen, pixels.
+        moves: how far the last step of the camera and of visible lengths moves what is seen, pixels.
     """
 
     values: Array
@@ -160,7 +159,7 @@ def _stepped(scene: Scene, state: _State, soft: float, blur: bool) -> _State:
     samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
     known = np.diag(1 / spread**2) + sum(part.normal for part in seen) / design_effect([part.left for part in seen])
     deviation, moves = np.sqrt(np.diag(np.linalg.inv(known))), STEP * np.abs(step / scene.look_steps())
-    return _State(values + step, deviation, lights, state.bank, samples, float(moves[: len(CAMERA)].max()))
+    return _State(values + step, deviation, lights, state.bank, samples, float(moves[:-1].max()))
 
 
 def design_effect(left: Sequence[Array]) -> float:

@@ -19,7 +19,7 @@ from keycld_model.diagnosis.search.alternatives import confusable_sets
 from keycld_model.diagnosis.search.budget import Budget, OutOfTime
 from keycld_model.diagnosis.search.criterion import Scored, above_noise, dispersion, penalty
 from keycld_model.diagnosis.search.effort import EFFORT
-from keycld_model.diagnosis.search.residual_fit import fit_residual_force
+from keycld_model.diagnosis.search.residual_fit import fit_residual_force, freedom
 from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
@@ -120,7 +120,8 @@ def explain(refitted: Fit, refined: Refined = lambda scored: None, effects: Sequ
     """The best set of effects and pulses with one integrator, with some effects to start from.
 
     Where these need shorter steps, the search goes on with such. Pulses only where neither effects nor a residual force
-    on the joints, which would come again in the same states, leave only noise, or where they do so but for few windows.
+    on the joints, which would come again in the same states, leave only noise, or where they do so but for few windows,
+    or such a force is not worth as many numbers as it takes.
     Where pulses alone explain nearly all, transmissions are not looked for from many starts. When there is no time for
     more, the best set so far.
     """
@@ -134,7 +135,7 @@ def explain(refitted: Fit, refined: Refined = lambda scored: None, effects: Sequ
             return explain(finer[0], refined, finer[1].effects)
         if above_noise(best.fit).max() > 0:
             residual = fit_residual_force(refitted)
-        if contaminated(best.fit) if residual is None else above_noise(residual).max() > 0:
+        if perhaps_pushed(likely, best.fit, residual):
             search, best = _with_pulses(refitted, likely, search, best)
         return Explanation(search, refitted, search.with_dispersion(best), residual)
     except OutOfTime:
@@ -167,6 +168,22 @@ def _with_pulses(refitted: Fit, likely: Fit, search: Search, best: Scored) -> tu
         if not spurious and _paid(found) < _paid(best) - search.least(best):
             return other, found
     return search, best
+
+
+def perhaps_pushed(likely: Fit, best: Fit, residual: Fit | None) -> bool:
+    """Whether pushes should be looked for.
+
+    Args:
+        likely: nuisances, and the pulses that windows show.
+        best: effects without any.
+        residual: nuisances, and a residual force; None where effects leave only noise.
+    """
+    if residual is None:
+        return contaminated(best)
+    if above_noise(residual).max() > 0:
+        return True
+    numbers = 0.5 * np.log(residual.problem.samples) * freedom(residual)
+    return likely.cost + price(likely.point.variant.pulses, likely.problem.criteria) < residual.cost + numbers
 
 
 def _paid(scored: Scored) -> float:

@@ -73,6 +73,15 @@ def lengthened(fit: Fit, problem: Problem, rounds: int = ROUNDS, seed: int = 0) 
     return _placed(replay(fit.problem, _descend(start, rounds) if longer is start else longer))
 
 
+def freedom(fit: Fit) -> float:
+    """Number of weights that recordings tell of a residual force, the others being as its prior has them.
+
+    The trace of the smoother (Hastie, Tibshirani and Friedman, The Elements of Statistical Learning, section 7.6).
+    """
+    force = residual_force_of(fit)
+    return 0.0 if force is None else _Normal.at(fit).freedom(force)
+
+
 def residual_force_of(fit: Fit) -> ResidualForce | None:
     """The residual force, which is the last of a fit's effects."""
     last = fit.effects[-1] if fit.effects else None
@@ -174,6 +183,13 @@ class _Normal:
         low, scale = _factored(matrix + np.diag(self._prior(force)))
         solution = cho_solve((low, True), vector / scale, check_finite=False) / scale
         return solution[len(self.prior) :].reshape(-1, len(self.scale)), solution[: len(self.prior)]
+
+    def freedom(self, force: ResidualForce) -> float:
+        """Number of weights that are told, beside nuisances."""
+        matrix, _ = self._equations(force.features)
+        low, scale = _factored(matrix + np.diag(self._prior(force)))
+        told = cho_solve((low, True), matrix / scale[:, None], check_finite=False) / scale[:, None]
+        return float(np.trace(told[len(self.prior) :, len(self.prior) :]))
 
     def worth(self, force: ResidualForce) -> Array:
         """Twice the nats `[nv]` that a fit loses without the force at each joint, nuisances fitted again."""
