@@ -23,7 +23,8 @@ from keycld_model.learned_positions import learned_positions
 from keycld_model.world_model import WorldModel
 
 LEAST_SEEN = 0.5
-"""Share of the frames of a recording that must tell positions; between them, motion is hidden for too long."""
+"""Share of the frames of a recording, and of all, that must tell positions; between them, motion is hidden for too
+long."""
 
 
 def diagnose_images(
@@ -65,8 +66,10 @@ def diagnose_images(
         raise InputError("A baseline is compared by one sensor; observe states or pixels, not both.")
     every = [*recordings, *held_out, *baseline]
     positions = read_positions(every, model, camera, workers)
-    if positions.trusted < criteria.trusted_frames:
-        remedy = "Give the simulator the camera, the shapes and the colours of the scene."
+    known = positions.trusted >= criteria.trusted_frames
+    if not known or positions.read < LEAST_SEEN:
+        scene = "Give the simulator the camera, the shapes and the colours of the scene."
+        remedy = "Record from farther away, or motions that stay in the image." if known else scene
         return _distrusted(positions, every, model, criteria, remedy)
     return _diagnosed(positions, every, len(recordings), len(held_out), model, encoders, criteria, budget)
 
@@ -206,6 +209,7 @@ def _summary(positions: Positions, left_out: list[str]) -> dict[str, object]:
     together = [round(float(n), 2) for n in positions.together]
     return {
         "trusted_frames": round(positions.trusted, 4),
+        "read_frames": round(positions.read, 4),
         "explained": shares,
         "error": error,
         "frames_together": together,
@@ -221,6 +225,11 @@ def _why_distrusted(positions: Positions, criteria: Criteria) -> str:
         return (
             f"{100 * positions.astray:.0f} % of the frames that were drawn at known positions are read elsewhere "
             f"({100 * MOST_ASTRAY:.0f} % may be): the camera and the lengths that were fitted are wrong"
+        )
+    if positions.trusted >= criteria.trusted_frames:
+        return (
+            f"The mechanism has left the image in {100 * (1 - positions.read):.0f} % of the frames "
+            f"({100 * (1 - LEAST_SEEN):.0f} % may be without it)"
         )
     worst = min(range(len(positions.recordings)), key=lambda r: float(np.median(positions.explained[r])))
     share, name = float(np.median(positions.explained[worst])), positions.recordings[worst].id

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.fit_look import UNSEEN, find_pose
 from keycld_model.image_alignment.light import Light
-from keycld_model.image_alignment.pose import Pose, align
+from keycld_model.image_alignment.pose import Pose, align, nothing_moves
 from keycld_model.image_alignment.scene import Scene
 from keycld_model.turns import nearest_turn
 
@@ -30,7 +30,7 @@ def follow(
 ) -> list[Pose]:
     """Poses of consecutive frames; each begins where the last three lead to.
 
-    Hinges turn on beyond a full turn, as they do.
+    Hinges turn on beyond a full turn, as they do. Where nothing is seen, the last pose stays.
 
     Args:
         scene: that draws.
@@ -45,6 +45,9 @@ def follow(
     misfits: list[float] = []
     for k, raw in enumerate(frames):
         frame = raw.astype(np.float32)
+        if poses and nothing_moves(frame, still):
+            poses.append(replace(poses[-1], explained=0.0, empty=True))
+            continue
         guess = _continued(times[: k + 1], poses)
         pose = None if guess is None else align(scene, look, light, frame, still, guess, near=True)
         usual = float(np.median(misfits[-50:])) if misfits else np.inf

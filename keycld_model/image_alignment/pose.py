@@ -38,6 +38,8 @@ UNCERTAIN = 0.25
 positions are missing, too."""
 IN_VIEW = 0.5
 """Share of a link's length; with less inside the image, its angle is told far worse than by other frames."""
+MOVED = 5.0
+"""Robust standard deviations of noise by which a softened pixel differs where something has moved."""
 SATURATED = 50.0
 """Grey levels; a pixel that is off by more is elsewhere altogether, and counts as if by so many."""
 
@@ -54,6 +56,7 @@ class Pose:
         uncertainty: standard deviation of the joint that the frame shows worst, as its links move in the image, pixels;
             by those pixels alone that change in proportion to it, which the stub of a link at the border has none of.
         in_view: share of a link's length that is inside the image, of the link that is least so.
+        empty: nothing in the frame differs from what does not move.
     """
 
     q: Array
@@ -62,6 +65,12 @@ class Pose:
     explained: float
     uncertainty: float
     in_view: float
+    empty: bool = False
+
+    @property
+    def out_of_view(self) -> bool:
+        """Whether the mechanism has left the image, or most of a link has."""
+        return self.empty or (self.explained >= TRUSTED and self.in_view < IN_VIEW)
 
     @property
     def readable(self) -> bool:
@@ -164,13 +173,20 @@ def robust_weights(left: Array, scale: float) -> Array:
     return np.minimum(1.0, max(OUTLIER * scale, EDGE) / np.maximum(np.abs(left), 1e-9))
 
 
+def nothing_moves(frame: Image, still: Image) -> bool:
+    """Whether a frame shows what the recording shows where nothing moves, softened by a pixel, but for noise."""
+    difference = np.abs(softened(frame - still, 1.0))
+    noise = min(max(FINEST, 1.4826 * float(np.median(difference))), 2 * FINEST)
+    return bool(difference.max() <= MOVED * noise)
+
+
 def explained_share(frame: Image, drawn: Image, still: Image) -> float:
     """Share of the squared difference to a still image that a drawing explains, where either differs from it.
 
     All are softened by a pixel, so that the noise of pixels counts little.
     """
     frame, drawn, still = (softened(image, 1.0) for image in (frame, drawn, still))
-    moved = np.maximum(np.abs(frame - still), np.abs(drawn - still)).max(axis=-1) > 5 * FINEST
+    moved = np.maximum(np.abs(frame - still), np.abs(drawn - still)).max(axis=-1) > MOVED * FINEST
     if not moved.any():
         return 0.0
     left = np.minimum(np.abs(frame - drawn)[moved], SATURATED)

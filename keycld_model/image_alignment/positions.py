@@ -67,6 +67,7 @@ class Positions:
             frame is readable.
         by_look: how far they are off where the look is; None where none was fitted, or no frame tells positions.
         repeated: number of frames that were left out, because they show an earlier one again.
+        out_of_view: of each recording, `[T]` whether the mechanism has left the image; none has where it is empty.
     """
 
     recordings: tuple[Recording, ...]
@@ -84,11 +85,19 @@ class Positions:
     astray: float = 0.0
     by_look: LookErrors | None = None
     repeated: int = 0
+    out_of_view: tuple[NDArray[np.bool_], ...] = ()
+
+    @property
+    def read(self) -> float:
+        """Share of all frames whose positions may be used."""
+        return float(np.mean(np.concatenate(self.readable)))
 
     @property
     def trusted(self) -> float:
-        """Share of all frames whose positions may be used."""
-        return float(np.mean(np.concatenate(self.readable)))
+        """The same of those that the mechanism has not left."""
+        readable = np.concatenate(self.readable)
+        left = np.concatenate(self.out_of_view or self.readable) & ~readable
+        return float(readable.sum() / max(1, (~left).sum()))
 
 
 def read_positions(
@@ -245,4 +254,5 @@ def _positions(
         astray,
         by_look,
         films.repeated,
+        tuple(np.array([pose.out_of_view for pose in poses]) for poses in followed),
     )

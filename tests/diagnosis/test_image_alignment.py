@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from films import film
@@ -22,6 +23,7 @@ from keycld_model.image_alignment import Positions, read_positions
 from keycld_model.image_alignment.films import LARGEST, repeats
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import lengthen
+from keycld_model.image_alignment.pose import Pose, nothing_moves
 from keycld_model.image_alignment.scene import Scene
 
 PIXELS_PER_METRE = {"pendulum": 30.9, "cartpole": 12.9, "acrobot": 12.9}
@@ -144,6 +146,38 @@ def test_the_sentence_says_why_no_frame_is_believed():
     assert "in recording '05' its picture explains 90 % of what moves" in _why_distrusted(read, STANDARD)
     astray = _why_distrusted(replace(read, astray=0.25), STANDARD)
     assert astray.startswith("25 % of the frames that were drawn at known positions are read elsewhere (10 % may be)")
+    some = replace(read, readable=(np.arange(10) < 3,), out_of_view=(np.arange(10) >= 3,))
+    assert some.trusted == 1 and some.read == 0.3
+    assert _why_distrusted(some, STANDARD).startswith("The mechanism has left the image in 70 % of the frames")
+
+
+def test_frames_that_the_mechanism_has_left_do_not_count_against_the_picture():
+    rng = np.random.default_rng(0)
+    still = np.full((64, 64, 3), 120.0, np.float32)
+    seen, noisy = still.copy(), still + rng.normal(0, 8, still.shape).astype(np.float32)
+    seen[20:23, 20:23] = 200
+    assert nothing_moves(noisy, still)
+    assert not nothing_moves(seen, still)
+    assert not nothing_moves(still + 30, still)  # a flash is something else
+    pose = Pose(np.zeros(1), np.zeros((1, 1)), 2.0, 0.9, 0.1, 0.3)
+    assert pose.out_of_view and not pose.readable
+    assert not replace(pose, in_view=0.8).out_of_view
+    assert not replace(pose, explained=0.2).out_of_view  # of what is somewhere else, nothing is known
+    assert replace(pose, explained=0.0, empty=True).out_of_view
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_links_that_are_shorter_than_those_of_the_simulator_are_fitted_to_the_end():
+    def shorter(model: mujoco.MjModel) -> None:
+        lengthen(model, 1, 0.78)
+        lengthen(model, 2, 0.82)
+
+    view = View(right=-0.7, up=3.5, zoom=1.025, aspect=1.0, roll=-0.038)
+    runs, _ = film("acrobot", runs=3, frames=9, view=view, change=shorter)
+    positions = read_positions(runs, get_system("acrobot").compile(), workers=1)
+    lengths = [v for p, v in zip(positions.parameters, positions.values, strict=True) if p.body is not None]
+    assert np.exp(lengths) == pytest.approx([0.78, 0.82], abs=0.012)
 
 
 @pytest.mark.render
