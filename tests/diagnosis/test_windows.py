@@ -45,6 +45,20 @@ def test_shorter_windows_hold_the_same_samples(runs, model):
     np.testing.assert_allclose(short.start, short.first * 0.004, atol=1e-9)
 
 
+def test_windows_begin_after_a_gap_not_in_it(runs, model):
+    qpos = np.array(runs[0].qpos)
+    qpos[38:58] = np.nan  # the cart has left the image
+    qpos[118:138] = np.nan
+    windows = windows_of([replace(runs[0], qpos=qpos)], model)
+    assert np.isfinite(windows.measured[:, 0]).all()
+    q, v = windows.initial_states()
+    whole = windows_of([runs[0]], model)
+    t, there = np.asarray(runs[0].t_state), np.asarray(runs[0].qpos)
+    expected = np.stack([np.interp(windows.start, t, column) for column in there.T], axis=1)
+    np.testing.assert_allclose(q, expected, atol=0.03)
+    assert np.abs(v).max() < 1.5 * np.abs(whole.speeds[0]).max()
+
+
 def test_speeds_are_those_of_the_motion(runs, model):
     windows = windows_of(runs, model)
     for run, speeds in zip(runs, windows.speeds, strict=True):

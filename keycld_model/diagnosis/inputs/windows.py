@@ -128,7 +128,7 @@ class Windows:
 def cut(recordings: Sequence[Recording], observation: Observation, step: float, samples: int) -> Windows:
     """Cut recordings into windows of a number of samples; what is left at the end of a recording is dropped.
 
-    Windows with too few samples that are there, or with a pause, are dropped as well.
+    Windows begin with a sample that is there; with too few that are, or with a pause, they are dropped as well.
 
     Args:
         recordings: with commands for all motors, or none.
@@ -153,7 +153,7 @@ def cut(recordings: Sequence[Recording], observation: Observation, step: float, 
         commands.append(average_commands(recording, edges))
         speeds.append(_speeds(t, observation.positions(measured), (edges[1:] + edges[:-1]) / 2))
         longest = 5 * samples * np.median(np.diff(t))  # what lasts longer holds a pause
-        for i in range(first_sample(measured), len(t) - samples + 1, samples):
+        for i in _starts(measured, samples):
             first = _steps_before(t[i] - origin, step)
             piece = slice(i, i + samples)
             if _enough(measured[piece]) and t[i + samples - 1] - t[i] < longest:
@@ -193,9 +193,13 @@ def _steps_over(time: Array, start: Array, step: float) -> int:
     return int(np.ceil((time[:, -1] - start).max() / step)) + 1
 
 
-def first_sample(measured: Array) -> int:
-    """Index of the first sample of `[n, m]` that is there."""
-    return int(np.isfinite(measured).any(axis=1).argmax())
+def _starts(measured: Array, samples: int) -> list[int]:
+    """Indices of the first samples of windows, one after the other, of `[n, m]`; none begins with what is missing."""
+    there, out = np.flatnonzero(np.isfinite(measured).any(axis=1)), []
+    while len(there) and there[0] <= len(measured) - samples:
+        out.append(int(there[0]))
+        there = there[there >= there[0] + samples]
+    return out
 
 
 def _enough(measured: Array) -> NDArray[np.bool_]:

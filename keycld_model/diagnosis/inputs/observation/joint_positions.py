@@ -114,17 +114,19 @@ class JointPositions:
         return measured
 
     def initial_state(self, time: Array, measured: Array) -> tuple[Array, Array]:
-        """From a parabola through the first seven samples of each joint."""
+        """From a parabola through the first seven samples of each joint, or those of them before a gap."""
         q, v = np.zeros((2, measured.shape[1]))
         for j in range(measured.shape[1]):
             good = np.flatnonzero(np.isfinite(measured[:, j]))[:7]
+            near = good[good < good[0] + 14]
+            good = near if len(near) > 3 else good
             v[j], q[j] = np.polyfit(time[good], measured[good, j], 2 if len(good) > 3 else 1)[-2:]
         return q, v
 
     def predict(self, q: Array, v: Array, values: Sequence[float] | Array) -> Array:
         """Positions with the errors of the sensor."""
         out = q.copy()
-        with np.errstate(invalid="ignore"):  # a rollout that flies off is infinite; whoever asked sees it
+        with np.errstate(invalid="ignore", over="ignore"):  # a rollout that flies off is infinite; whoever asked sees it
             for nuisance, value in zip(self.nuisances, values, strict=True):
                 if nuisance.kind != "look":
                     out[..., nuisance.index] += value * self._error(nuisance, q, v)
