@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.light import Light
+from keycld_model.image_alignment.look import CAMERA
 from keycld_model.image_alignment.pose import FINEST, OUTLIER, Pose, align, robust_weights
 from keycld_model.image_alignment.scene import STEP, Scene, softened
+from keycld_model.image_alignment.surroundings import Surroundings
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -93,15 +95,19 @@ def fit_look(
     stills: Sequence[Image],
     frames: Sequence[tuple[int, Image]],
     bank: Bank,
+    surroundings: Surroundings,
     advance: Callable[..., None] | None = None,
 ) -> Look:
     """Fit the look of a scene.
+
+    By Gauss-Newton; after the first sharp steps, the camera is told from what does not move, if that is drawn.
 
     Args:
         scene: that draws.
         stills: of each recording, what it shows where nothing moves.
         frames: to fit to, each with the index of its recording.
         bank: drawings of the scene as the simulator has it.
+        surroundings: what the recordings show where nothing moves.
         advance: called after each of the `STEPS`; not in rounds after them.
     """
     values, lights = scene.nominal, [Light.of(bank.still, still) for still in stills]
@@ -109,11 +115,15 @@ def fit_look(
         Sample(r, f, find_pose(scene, values, lights[r], f, bank, lights[r].apply(bank.still))) for r, f in frames
     ]
     state = _State(values, np.full(len(values), np.inf), lights, bank, samples, np.inf)
+    camera = True
     for turn, schedule in enumerate((COARSE, *[SHARP] * ROUNDS)):
         for soft in schedule:
-            state = _stepped(scene, state, soft, blur=schedule is SHARP)
+            state = _stepped(scene, state, soft, camera, blur=camera and schedule is SHARP)
             if advance is not None and turn < 2:
                 advance()
+        told = surroundings.camera(scene, state.values, [s.pose.q for s in state.samples]) if turn else None
+        if told is not None:
+            state, camera = _with_camera(scene, state, told), False
         state, moved = _again(scene, state)
         if turn and moved <= FEW and state.moves <= SETTLED:
             break
@@ -142,8 +152,14 @@ class _State(NamedTuple):
     moves: float
 
 
-def _stepped(scene: Scene, state: _State, soft: float, blur: bool) -> _State:
-    """After a step of Gauss-Newton on images softened by so many pixels, on blur as well or not."""
+def _with_camera(scene: Scene, state: _State, look: Array) -> _State:
+    """With another camera."""
+    moves = STEP * np.abs((look - state.values) / scene.look_steps())[: len(CAMERA)]
+    return state._replace(values=look, moves=max(state.moves, float(moves.max())))
+
+
+def _stepped(scene: Scene, state: _State, soft: float, camera: bool, blur: bool) -> _State:
+    """After a step of Gauss-Newton on images softened by so many pixels, on the camera and on blur as well or not."""
     values, samples = state.values, state.samples
     spread = np.array([p.spread for p in scene.parameters])
     lights = _lights(scene, state)
@@ -151,9 +167,10 @@ def _stepped(scene: Scene, state: _State, soft: float, blur: bool) -> _State:
     seen = [part for part, s in zip(parts, samples, strict=True) if s.seen] or parts
     normal = np.diag(1 / spread**2) + sum(part.normal for part in seen)
     gradient = sum(part.gradient for part in seen) - (values - scene.nominal) / spread**2
-    free = np.flatnonzero(_free(scene, samples, blur))
+    free = np.flatnonzero(_free(scene, samples, camera, blur))
     step = np.zeros(len(values))
-    step[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
+    if len(free):
+        step[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
     step *= min(1.0, LONGEST / float(np.abs(step / spread).max()))
     step[-1] = max(step[-1], -values[-1])
     samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
@@ -176,10 +193,10 @@ def design_effect(left: Sequence[Array]) -> float:
     return max(1.0, n * common / max(total, 1e-30))  # 1 + (n - 1) r
 
 
-def _free(scene: Scene, samples: Sequence[Sample], blur: bool) -> NDArray[np.bool_]:
+def _free(scene: Scene, samples: Sequence[Sample], camera: bool, blur: bool) -> NDArray[np.bool_]:
     """Which parameters `[p]` a step changes; links that no pose explains yet would shrink until they do not disturb."""
     seen = any(s.seen for s in samples)
-    free = np.array([seen or parameter.body is None for parameter in scene.parameters])
+    free = np.array([camera if parameter.body is None else seen for parameter in scene.parameters])
     free[-1] = blur
     return free
 

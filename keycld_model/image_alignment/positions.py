@@ -33,6 +33,7 @@ from keycld_model.image_alignment.look import LookParameter
 from keycld_model.image_alignment.look_errors import Change, LookErrors, change_by_look
 from keycld_model.image_alignment.pose import Pose
 from keycld_model.image_alignment.scene import Scene
+from keycld_model.image_alignment.surroundings import Surroundings
 from keycld_model.turns import on_common_turns
 
 Array = NDArray[np.float64]
@@ -127,7 +128,8 @@ def read_positions(
             stills = [np.median(f[:: max(1, len(f) // 60)], axis=0).astype(np.float32) for f in films.frames]
             bank = Bank(scene, scene.nominal)
             advance(100)
-            look = fit_look(scene, stills, films.spread(FRAMES), bank, partial(advance, 200 // STEPS))
+            around = Surroundings.of(films.frames)
+            look = fit_look(scene, stills, films.spread(FRAMES), bank, around, partial(advance, 200 // STEPS))
             reader, parameters = _Reader(model, name, quality, look.values, look.bank), scene.parameters
             seen = look.seen or _shown(scene, look, films, stills)
         jobs = list(zip(look.lights, films.times, films.frames, strict=True))

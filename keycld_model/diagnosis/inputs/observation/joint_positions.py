@@ -126,7 +126,7 @@ class JointPositions:
     def predict(self, q: Array, v: Array, values: Sequence[float] | Array) -> Array:
         """Positions with the errors of the sensor."""
         out = q.copy()
-        with np.errstate(invalid="ignore", over="ignore"):  # a rollout that flies off is infinite; whoever asked sees it
+        with np.errstate(invalid="ignore", over="ignore"):  # of rollouts that fly off
             for nuisance, value in zip(self.nuisances, values, strict=True):
                 if nuisance.kind != "look":
                     out[..., nuisance.index] += value * self._error(nuisance, q, v)

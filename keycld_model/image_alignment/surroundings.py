@@ -1,0 +1,121 @@
+"""The camera, told from what does not move: the mean of all frames has next to no noise.
+
+A drawing changes in small steps when the camera moves, so that fits by derivatives end in a step nearby, a tenth of a
+pixel off. What is still is compared without derivatives.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+from scipy.optimize import minimize
+
+from keycld_model.image_alignment.light import Light
+from keycld_model.image_alignment.look import CAMERA
+from keycld_model.image_alignment.scene import Scene
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+RESTLESS = 1.5
+"""A pixel has moved if its standard deviation over time is that of the noise so many times, and a grey level more."""
+AROUND = 2
+"""Pixels around those that have moved that are left out, too: blur carries motion there."""
+LEAST_STILL = 0.2
+"""Share of the pixels that must be still."""
+FLAT = 1.0
+"""Variance of still pixels, squares of grey levels, below which nothing is to be seen in them."""
+UNLIKE = 0.02
+"""Share of this variance that the drawing may leave; with more, the surroundings are not the simulator's."""
+OUTLIER = 3.0
+"""Grey levels beyond which a difference counts linearly: what passed by is left in a mean."""
+REACHES = (0.4, 0.2, -0.4, -0.2) * 2
+"""First steps of the searches, one after the other, in steps of finite differences."""
+EVALUATIONS = 250
+"""Drawings of a search, at most."""
+BETTER = 0.98
+"""Factor of the misfit by which two searches must have made it smaller for others to follow."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What recordings show where nothing moves.
+
+    Attributes:
+        mean: of each recording, `[H, W, 3]` of its frames, 0 to 255.
+        still: `[H, W]` where nothing moves in any of them.
+    """
+
+    mean: tuple[Image, ...]
+    still: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, films: Sequence[NDArray[np.uint8]]) -> Self:
+        """Of recordings' frames `[T, H, W, 3]`."""
+        means, moved = [], np.zeros(films[0].shape[1:3], bool)
+        for frames in films:
+            means.append(frames.mean(axis=0, dtype=np.float32))
+            spread = frames.std(axis=0, dtype=np.float32).max(axis=-1)
+            moved |= spread > RESTLESS * np.median(spread) + 1
+        return cls(tuple(means), ~binary_dilation(moved, iterations=AROUND))
+
+    def camera(self, scene: Scene, look: Array, drawn_at: Sequence[Array]) -> Array | None:
+        """The look `[p]` with the camera and the blur with which still pixels are drawn as they are seen.
+
+        By the simplex method (Nelder and Mead, 1965), from the look so far, again and again.
+
+        Args:
+            scene: that draws.
+            look: `[p]`, off by less than a pixel.
+            drawn_at: positions `[nq]` of the mechanism in some frames.
+
+        Returns:
+            None where too little is still, or the surroundings are not the simulator's.
+        """
+        drawn = np.stack([scene.render(q, look) for q in drawn_at])
+        moved = (drawn.max(axis=0) - drawn.min(axis=0)).max(axis=-1) > 1
+        still = self.still & ~binary_dilation(moved, iterations=AROUND)
+        if still.mean() < LEAST_STILL:
+            return None
+        usual = drawn.mean(axis=0)[still]
+        lights = [Light.of(usual, mean[still]) for mean in self.mean]
+        shown = np.mean([(m[still] - light.offset) / light.gain for m, light in zip(self.mean, lights, strict=True)], 0)
+        free = [*range(len(CAMERA)), len(look) - 1]
+        best, steps = np.array(look), scene.look_steps()[free]
+
+        def moved_by(z: Array, reach: float) -> Array:
+            out = best.copy()
+            out[free] += reach * steps * z
+            out[-1] = max(0.0, out[-1])
+            return out
+
+        def misfit(values: Array) -> float:
+            return _misfit(scene.render(drawn_at[0], values)[still], shown)
+
+        contrast = float(np.var(shown, axis=0).mean())
+        least, before = misfit(best), np.inf
+        for k, reach in enumerate(REACHES):
+            if k % 2 == 0:  # of both lengths
+                if least > BETTER * before:
+                    break
+                before = least
+            simplex = np.vstack([np.zeros(len(free)), np.eye(len(free))])
+            options = {"maxfev": EVALUATIONS, "xatol": 0.01, "fatol": 1e-4, "initial_simplex": simplex}
+            found = minimize(
+                lambda z, r=reach: misfit(moved_by(z, r)), simplex[0], method="Nelder-Mead", options=options
+            )
+            if found.fun < least:
+                best, least = moved_by(found.x, reach), float(found.fun)
+        return best if contrast > FLAT and least < UNLIKE * contrast else None
+
+
+def _misfit(drawn: Array, shown: Array) -> float:
+    """Mean square of what is shown and not drawn, `[pixels, 3]`, in any light; large differences count linearly."""
+    total = 0.0
+    for x, y in zip(drawn.T, shown.T, strict=True):
+        columns = np.stack([x, np.ones(len(x))], axis=1)
+        left = np.abs(y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0])
+        total += float(np.mean(np.where(left < OUTLIER, left**2, OUTLIER * (2 * left - OUTLIER))))
+    return total / drawn.shape[1]
