@@ -26,9 +26,9 @@ AROUND = 2
 LEAST_STILL = 0.2
 """Share of the pixels that must be still."""
 FLAT = 1.0
-"""Variance of still pixels, squares of grey levels, below which nothing is to be seen in them."""
-UNLIKE = 0.02
-"""Share of this variance that the drawing may leave; with more, the surroundings are not the simulator's."""
+"""Misfit of still pixels to one colour, squares of grey levels, below which nothing is to be seen in them."""
+UNLIKE = 0.1
+"""Share of this misfit that the drawing may leave; with more, the surroundings are not the simulator's."""
 OUTLIER = 3.0
 """Grey levels beyond which a difference counts linearly: what passed by is left in a mean."""
 REACHES = (0.4, 0.2, -0.4, -0.2) * 2
@@ -59,7 +59,7 @@ class Surroundings:
             means.append(frames.mean(axis=0, dtype=np.float32))
             spread = frames.std(axis=0, dtype=np.float32).max(axis=-1)
             moved |= spread > RESTLESS * np.median(spread) + 1
-        return cls(tuple(means), ~binary_dilation(moved, iterations=AROUND))
+        return cls(tuple(means), ~_widened(moved))
 
     def camera(self, scene: Scene, look: Array, drawn_at: Sequence[Array]) -> Array | None:
         """The look `[p]` with the camera and the blur with which still pixels are drawn as they are seen.
@@ -76,7 +76,7 @@ class Surroundings:
         """
         drawn = np.stack([scene.render(q, look) for q in drawn_at])
         moved = (drawn.max(axis=0) - drawn.min(axis=0)).max(axis=-1) > 1
-        still = self.still & ~binary_dilation(moved, iterations=AROUND)
+        still = self.still & ~_widened(moved)
         if still.mean() < LEAST_STILL:
             return None
         usual = drawn.mean(axis=0)[still]
@@ -94,7 +94,7 @@ class Surroundings:
         def misfit(values: Array) -> float:
             return _misfit(scene.render(drawn_at[0], values)[still], shown)
 
-        contrast = float(np.var(shown, axis=0).mean())
+        contrast = _misfit(np.zeros(shown.shape, np.float32), shown)
         least, before = misfit(best), np.inf
         for k, reach in enumerate(REACHES):
             if k % 2 == 0:  # of both lengths
@@ -111,7 +111,12 @@ class Surroundings:
         return best if contrast > FLAT and least < UNLIKE * contrast else None
 
 
-def _misfit(drawn: Array, shown: Array) -> float:
+def _widened(moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """With the pixels around."""
+    return np.asarray(binary_dilation(moved, iterations=AROUND), bool)
+
+
+def _misfit(drawn: Image, shown: Array) -> float:
     """Mean square of what is shown and not drawn, `[pixels, 3]`, in any light; large differences count linearly."""
     total = 0.0
     for x, y in zip(drawn.T, shown.T, strict=True):

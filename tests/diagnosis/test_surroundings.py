@@ -1,0 +1,49 @@
+"""The camera, told from what does not move."""
+
+import numpy as np
+import pytest
+from films import film
+
+from keycld_envs.rendering import View
+from keycld_envs.systems import get_system
+from keycld_model.image_alignment.scene import Scene
+from keycld_model.image_alignment.surroundings import Surroundings
+
+TRUE = np.array([2.37, -1.24, -0.0056, -0.0089, 0.0459, 0.0, 0.0])
+"""Shift, zoom, aspect and roll of a view of the cartpole, the length of its pole, and no blur."""
+OFF = np.array([-0.11, -0.03, -0.001, 0.0043, 0.0003, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def filmed():
+    rng = np.random.default_rng(0)
+    view = View(right=2.37, up=-1.24, zoom=float(np.exp(-0.0056)), aspect=float(np.exp(-0.0089)), roll=0.0459)
+
+    def develop(image):
+        noisy = image * np.array([1.18, 0.94, 1.1]) - 7 + rng.normal(0, 5, image.shape)
+        return np.clip(noisy, 0, 255).round().astype(np.uint8)
+
+    runs, truth = film("cartpole", runs=2, frames=30, view=view, develop=develop)
+    return [run.frames for run in runs], [q for positions in truth for q in positions[::10]]
+
+
+@pytest.mark.render
+def test_still_pixels_tell_the_camera_far_better_than_a_step_of_a_drawing(filmed):
+    films, positions = filmed
+    with Scene(get_system("cartpole").compile(), "fixed", (64, 64), "fast") as scene:
+        look = Surroundings.of(films).camera(scene, TRUE + OFF, positions)
+        pixels = 0.7 * np.abs((look - TRUE) / scene.look_steps())[:5]
+    assert pixels.max() < 0.01
+    assert look[5] == 0.0  # links move
+
+
+@pytest.mark.render
+def test_surroundings_that_are_not_drawn_tell_nothing(filmed):
+    films, positions = filmed
+    elsewhere = [np.roll(frames, 20, axis=1) for frames in films]
+    flat = [np.full_like(frames, 90) for frames in films]
+    flicker = [frames // 2 + (np.arange(30) % 2 * 120).astype(np.uint8)[:, None, None, None] for frames in films]
+    with Scene(get_system("cartpole").compile(), "fixed", (64, 64), "fast") as scene:
+        for other in (elsewhere, flat):
+            assert Surroundings.of(other).camera(scene, TRUE, positions) is None
+        assert Surroundings.of(flicker).still.any()  # light that flickers everywhere is no motion
