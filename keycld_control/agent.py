@@ -26,7 +26,7 @@ from keycld_envs.errors import InputError
 from keycld_model.camera import Camera, Restoration, restore, restored
 
 DEFAULT_KP, DEFAULT_KD = 40.0, 10.0
-ROBUST = 0.2
+ROBUST = 0.5
 """Damping times the time until a command arrives, at most; the gains of agents with late motors are lowered to it."""
 GRACE, FADING = 0.2, 0.1
 """Seconds without a trusted image that the estimate runs on the model, and in which the action then fades to zero."""

@@ -32,6 +32,7 @@ def test_still_pixels_tell_the_camera_far_better_than_a_step_of_a_drawing(filmed
     films, positions = filmed
     with Scene(get_system("cartpole").compile(), "fixed", (64, 64), "fast") as scene:
         look = Surroundings.of(films).camera(scene, TRUE + OFF, positions)
+        assert look is not None
         pixels = 0.7 * np.abs((look - TRUE) / scene.look_steps())[:5]
     assert pixels.max() < 0.01
     assert look[5] == 0.0  # links move
