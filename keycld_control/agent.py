@@ -26,8 +26,9 @@ from keycld_envs.errors import InputError
 from keycld_model.camera import Camera, Restoration, restore, restored
 
 DEFAULT_KP, DEFAULT_KD = 40.0, 10.0
-ROBUST = 0.5
-"""Damping times the time until a command arrives, at most; the gains of agents with late motors are lowered to it."""
+ROBUST = 0.2
+"""Damping times the time until commands arrive, on average over the motors, at most; the gains of agents with late
+motors are lowered to it. Motors that are not late make up for others, as far as they can."""
 GRACE, FADING = 0.2, 0.1
 """Seconds without a trusted image that the estimate runs on the model, and in which the action then fades to zero."""
 
@@ -130,7 +131,7 @@ class EnergyShapingAgent:
         self.target_energy = float(jax.jit(model.potential_energy_fn)(target))
         self.pivot: NDArray[np.float32] = np.asarray(model.pivot)
         self.pumps = pump is not None
-        late = kd * plant.timestep * float(self._actuation.lead.max())
+        late = kd * plant.timestep * float(self._actuation.lead.mean())
         slower = min(1.0, ROBUST / late) if late else 1.0
         self._first, self._next = _compile(
             plant, model.keypoints_fn, known, target, kp * slower**2, kd * slower, law, pump, self._actuation.lead

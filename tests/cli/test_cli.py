@@ -216,6 +216,15 @@ def test_doctor_without_opengl(no_opengl: dict[str, str], backend: str | None) -
     assert report["packages"]["mujoco"]["ok"]
 
 
+def test_a_backend_that_cannot_be_is_said_before_anything_imports_mujoco(tmp_path: Path) -> None:
+    done = keycld("loop", "pendulum", "--conceal", "1", "--out", str(tmp_path / "loop"), MUJOCO_GL="nonsense")
+    assert done.returncode == 2
+    assert (
+        done.stderr
+        == "keycld: MUJOCO_GL is 'nonsense', which is no OpenGL backend here; unset it, or use egl or osmesa.\n"
+    )
+
+
 def test_bench_without_opengl_is_refused_in_one_sentence(no_opengl: dict[str, str]) -> None:
     done = keycld("bench", "--only", "envs", **no_opengl)
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
