@@ -4,7 +4,7 @@ A drawing changes in small steps when the camera moves, so that fits by derivati
 pixel off. What is still is compared without derivatives.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -27,8 +27,11 @@ LEAST_STILL = 0.2
 """Share of the pixels that must be still."""
 FLAT = 1.0
 """Misfit of still pixels to one colour, squares of grey levels, below which nothing is to be seen in them."""
-UNLIKE = 0.1
-"""Share of this misfit that the drawing may leave; with more, the surroundings are not the simulator's."""
+NOISE = 3.0
+"""Times the noise of the mean, and the rounding of a drawing, that the drawing may leave; with more, the surroundings
+are not the simulator's, or compression leaves its marks on them, by which a camera is not told as exactly."""
+ROUNDED = 1 / 12
+"""Variance of rounding to whole grey levels."""
 OUTLIER = 3.0
 """Grey levels beyond which a difference counts linearly: what passed by is left in a mean."""
 REACHES = (0.4, 0.2, -0.4, -0.2) * 2
@@ -45,26 +48,28 @@ class Surroundings:
 
     Attributes:
         mean: of each recording, `[H, W, 3]` of its frames, 0 to 255.
+        noise: of each recording, variance of the noise in this mean, squares of grey levels.
         still: `[H, W]` where nothing moves in any of them.
     """
 
     mean: tuple[Image, ...]
+    noise: tuple[float, ...]
     still: NDArray[np.bool_]
 
     @classmethod
     def of(cls, films: Sequence[NDArray[np.uint8]]) -> Self:
         """Of recordings' frames `[T, H, W, 3]`."""
-        means, moved = [], np.zeros(films[0].shape[1:3], bool)
+        means, noise, moved = [], [], np.zeros(films[0].shape[1:3], bool)
         for frames in films:
             means.append(frames.mean(axis=0, dtype=np.float32))
             spread = frames.std(axis=0, dtype=np.float32).max(axis=-1)
-            moved |= spread > RESTLESS * np.median(spread) + 1
-        return cls(tuple(means), ~_widened(moved))
+            usual = float(np.median(spread))
+            noise.append(usual**2 / len(frames))
+            moved |= spread > RESTLESS * usual + 1
+        return cls(tuple(means), tuple(noise), ~_widened(moved))
 
     def camera(self, scene: Scene, look: Array, drawn_at: Sequence[Array]) -> Array | None:
         """The look `[p]` with the camera and the blur with which still pixels are drawn as they are seen.
-
-        By the simplex method (Nelder and Mead, 1965), from the look so far, again and again.
 
         Args:
             scene: that draws.
@@ -72,7 +77,7 @@ class Surroundings:
             drawn_at: positions `[nq]` of the mechanism in some frames.
 
         Returns:
-            None where too little is still, or the surroundings are not the simulator's.
+            None where too little is still, or the drawing leaves more than noise.
         """
         drawn = np.stack([scene.render(q, look) for q in drawn_at])
         moved = (drawn.max(axis=0) - drawn.min(axis=0)).max(axis=-1) > 1
@@ -82,33 +87,38 @@ class Surroundings:
         usual = drawn.mean(axis=0)[still]
         lights = [Light.of(usual, mean[still]) for mean in self.mean]
         shown = np.mean([(m[still] - light.offset) / light.gain for m, light in zip(self.mean, lights, strict=True)], 0)
-        free = [*range(len(CAMERA)), len(look) - 1]
-        best, steps = np.array(look), scene.look_steps()[free]
+        noise = np.mean([n / np.mean(light.gain) ** 2 for n, light in zip(self.noise, lights, strict=True)])
+        if _misfit(np.zeros_like(usual), shown) < FLAT:
+            return None
+        free = np.array([*range(len(CAMERA)), len(look) - 1])
+        steps = np.zeros((len(free), len(look)))
+        steps[np.arange(len(free)), free] = scene.look_steps()[free]
+        found, left = _searched(lambda look: _misfit(scene.render(drawn_at[0], look)[still], shown), look, steps)
+        return found if left < NOISE * (noise / len(lights) + ROUNDED) else None
 
-        def moved_by(z: Array, reach: float) -> Array:
-            out = best.copy()
-            out[free] += reach * steps * z
-            out[-1] = max(0.0, out[-1])
-            return out
 
-        def misfit(values: Array) -> float:
-            return _misfit(scene.render(drawn_at[0], values)[still], shown)
+def _searched(misfit: Callable[[Array], float], look: Array, steps: Array) -> tuple[Array, float]:
+    """A look `[p]` with the least misfit, near another, moved by multiples of steps `[k, p]`; blur is not negative.
 
-        contrast = _misfit(np.zeros(shown.shape, np.float32), shown)
-        least, before = misfit(best), np.inf
-        for k, reach in enumerate(REACHES):
-            if k % 2 == 0:  # of both lengths
-                if least > BETTER * before:
-                    break
-                before = least
-            simplex = np.vstack([np.zeros(len(free)), np.eye(len(free))])
-            options = {"maxfev": EVALUATIONS, "xatol": 0.01, "fatol": 1e-4, "initial_simplex": simplex}
-            found = minimize(
-                lambda z, r=reach: misfit(moved_by(z, r)), simplex[0], method="Nelder-Mead", options=options
-            )
-            if found.fun < least:
-                best, least = moved_by(found.x, reach), float(found.fun)
-        return best if contrast > FLAT and least < UNLIKE * contrast else None
+    By the simplex method (Nelder and Mead, 1965), again and again, since there are steps in the misfit.
+    """
+
+    def from_best(z: Array, reach: float) -> Array:
+        moved = best + reach * z @ steps
+        return np.append(moved[:-1], max(0.0, moved[-1]))
+
+    best, least, before, here = look, misfit(look), np.inf, np.zeros(len(steps))
+    for k, reach in enumerate(REACHES):
+        if k % 2 == 0:  # of both lengths
+            if least > BETTER * before:
+                break
+            before = least
+        options = {"maxfev": EVALUATIONS, "xatol": 0.01, "fatol": 1e-4}
+        options["initial_simplex"] = np.vstack([here, np.eye(len(steps))])
+        found = minimize(lambda z, r=reach: misfit(from_best(z, r)), here, method="Nelder-Mead", options=options)
+        if found.fun < least:
+            best, least = from_best(found.x, reach), float(found.fun)
+    return best, least
 
 
 def _widened(moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
