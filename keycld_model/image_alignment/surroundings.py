@@ -19,6 +19,8 @@ from keycld_model.image_alignment.scene import Scene
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
+SAMPLED = 200
+"""Frames of a recording, or up to twice as many, that tell where something moves."""
 RESTLESS = 1.5
 """A pixel has moved if its standard deviation over time is that of the noise so many times, and a grey level more."""
 AROUND = 2
@@ -62,7 +64,8 @@ class Surroundings:
         means, noise, moved = [], [], np.zeros(films[0].shape[1:3], bool)
         for frames in films:
             means.append(frames.mean(axis=0, dtype=np.float32))
-            spread = frames.std(axis=0, dtype=np.float32).max(axis=-1)
+            some = frames[:: max(1, len(frames) // SAMPLED)]  # all as real numbers may be gigabytes
+            spread = some.std(axis=0, dtype=np.float32).max(axis=-1)
             usual = float(np.median(spread))
             noise.append(usual**2 / len(frames))
             moved |= spread > RESTLESS * usual + 1

@@ -7,7 +7,10 @@ from plants import problem_of, recordings
 
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
-from keycld_model.diagnosis.estimation.pulses import with_pulses
+from keycld_model.diagnosis.estimation.pulses import with_best_pulses, with_pulses
+from keycld_model.diagnosis.search.criterion import above_noise
+from keycld_model.diagnosis.search.explain import perhaps_pushed
+from keycld_model.diagnosis.search.residual_fit import fit_residual_force, freedom, residual_force_of
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.simulation.variant import Pulse
 
@@ -47,6 +50,29 @@ def test_a_box_stays_a_rectangle():
     found = pushes(box)
     assert len(found) == 3 and not any(p.rounded for p in found)
     assert all(abs(p.start - 0.85) < 0.02 and abs(p.duration - 0.25) < 0.03 for p in found)
+
+
+def now_and_then(t, q, v, u):
+    """Weak, at other times in every run than where the pendulum is in the same state."""
+    return np.array([0.12 * (0.7 <= t < 1.0) - 0.12 * (2.9 <= t < 3.2)])
+
+
+def drag(t, q, v, u):
+    return 0.012 * v * np.abs(v)
+
+
+@pytest.mark.parametrize(("force", "pushed"), [(now_and_then, True), (drag, False)])
+def test_pushes_are_tried_unless_a_force_that_depends_on_the_state_takes_fewer_numbers(monkeypatch, force, pushed):
+    monkeypatch.setattr(plants, "NOISE", 4e-3)  # so much that such a force leaves only noise, either way
+    runs = recordings("pendulum", 9, force, errors=0.0, number=4, seconds=4.0)
+    problem = problem_of(Simulator(get_system("pendulum").compile(), 0.01), runs, 4e-3)
+    refitted = minimise(problem, problem.start())
+    residual = fit_residual_force(refitted)
+    likely = with_best_pulses(refitted)
+    found = residual_force_of(residual)
+    assert found is not None and 1 < freedom(residual) < found.weights.size / 2
+    assert above_noise(residual).max() < 0
+    assert perhaps_pushed(likely, refitted, residual) == pushed
 
 
 def test_impulses_are_integrals():
