@@ -37,6 +37,8 @@ SOON = 0.02
 _pressed = threading.Event()
 READER_LEFT = 141
 """Exit code of a program that SIGPIPE ends, 128 + 13."""
+WITHOUT_MUJOCO = ("completion", "doctor")
+"""Commands that do without; `doctor` says what is wrong where it cannot be imported."""
 UNWRITABLE = (
     errno.EACCES,
     errno.EPERM,
@@ -163,7 +165,7 @@ def _run(words: list[str]) -> int:
     command = importlib.import_module(f"{__name__}.{name}")
     args = tyro.cli(command.Args, prog=f"keycld {name}", args=words[1:], config=(tyro.conf.FlagCreatePairsOff,))
     try:
-        if name != "doctor":  # which says what is wrong where this cannot be imported
+        if name not in WITHOUT_MUJOCO:
             importlib.import_module("keycld_envs")  # chooses an OpenGL that is there, before others import MuJoCo
         code = command.run(args)
     except _input_errors() as error:

@@ -66,10 +66,8 @@ def diagnose_images(
         raise InputError("A baseline is compared by one sensor; observe states or pixels, not both.")
     every = [*recordings, *held_out, *baseline]
     positions = read_positions(every, model, camera, workers)
-    known = positions.trusted >= criteria.trusted_frames
-    if not known or positions.read < LEAST_SEEN:
-        scene = "Give the simulator the camera, the shapes and the colours of the scene."
-        remedy = "Record from farther away, or motions that stay in the image." if known else scene
+    if not _believed(positions, criteria):
+        remedy = "Give the simulator the camera, the shapes and the colours of the scene."
         return _distrusted(positions, every, model, criteria, remedy)
     return _diagnosed(positions, every, len(recordings), len(held_out), model, encoders, criteria, budget)
 
@@ -106,7 +104,7 @@ def diagnose_by_world_model(
     document = learned_simulator(world)
     every = [*recordings, *held_out, *baseline]
     positions = learned_positions(every, world, document)
-    if positions.trusted < criteria.trusted_frames:
+    if not _believed(positions, criteria):
         remedy = "Train a world model on recordings of this scene, in this light."
         report = _distrusted(positions, every, document.model, criteria, remedy)
     else:
@@ -219,6 +217,11 @@ def _summary(positions: Positions, left_out: list[str]) -> dict[str, object]:
     }
 
 
+def _believed(positions: Positions, criteria: Criteria) -> bool:
+    """Whether frames are the simulator's, and show enough of the mechanism."""
+    return positions.trusted >= criteria.trusted_frames and positions.read >= LEAST_SEEN
+
+
 def _why_distrusted(positions: Positions, criteria: Criteria) -> str:
     """Half a sentence."""
     if positions.astray > MOST_ASTRAY:
@@ -244,6 +247,8 @@ def _distrusted(
     positions: Positions, recordings: Sequence[Recording], model: mujoco.MjModel, criteria: Criteria, remedy: str
 ) -> Report:
     """The report that names no physics, since the pictures are not the simulator's."""
+    if positions.trusted >= criteria.trusted_frames:  # the scene is the simulator's
+        remedy = "Record from farther away, or motions that stay in the image."
     message = f"{_why_distrusted(positions, criteria)}, and nothing is said of physics. {remedy}"
     none = float("nan")
     return Report(

@@ -96,9 +96,11 @@ class Positions:
     @property
     def trusted(self) -> float:
         """The same of those that the mechanism has not left."""
+        if not self.out_of_view:
+            return self.read
         readable = np.concatenate(self.readable)
-        left = np.concatenate(self.out_of_view or self.readable) & ~readable
-        return float(readable.sum() / max(1, (~left).sum()))
+        shown = readable | ~np.concatenate(self.out_of_view)
+        return float(readable.sum() / max(1, shown.sum()))
 
 
 def read_positions(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.optimize import minimize
+from scipy.special import huber
 
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import CAMERA
@@ -134,6 +135,6 @@ def _misfit(drawn: Image, shown: Array) -> float:
     total = 0.0
     for x, y in zip(drawn.T, shown.T, strict=True):
         columns = np.stack([x, np.ones(len(x))], axis=1)
-        left = np.abs(y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0])
-        total += float(np.mean(np.where(left < OUTLIER, left**2, OUTLIER * (2 * left - OUTLIER))))
+        left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+        total += float(np.mean(2 * huber(OUTLIER, left)))
     return total / drawn.shape[1]

@@ -225,6 +225,14 @@ def test_a_backend_that_cannot_be_is_said_before_anything_imports_mujoco(tmp_pat
     )
 
 
+def test_completion_imports_no_mujoco() -> None:
+    code = (
+        "import sys; from keycld_control.cli import main; assert main(['completion', 'bash']) == 0; "
+        "sys.exit('mujoco' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
+
+
 def test_bench_without_opengl_is_refused_in_one_sentence(no_opengl: dict[str, str]) -> None:
     done = keycld("bench", "--only", "envs", **no_opengl)
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr

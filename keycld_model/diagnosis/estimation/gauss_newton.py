@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import huber
 
 from keycld_model.diagnosis.estimation.belief import Belief
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.initial_states import improve_worst
-from keycld_model.diagnosis.estimation.linearisation import Linearisation, huber
+from keycld_model.diagnosis.estimation.linearisation import Linearisation
 from keycld_model.diagnosis.estimation.parameters import effect_parameters, moved
 from keycld_model.diagnosis.estimation.point import Point, mixed
 from keycld_model.diagnosis.estimation.problem import Problem
@@ -156,7 +157,7 @@ def _after(problem: Problem, point: Point, linear: Linearisation, step: Array) -
 
 def _with_best_states(problem: Problem, points: Sequence[Point]) -> tuple[Point, float]:
     """The best of each window's states, all of the same shared parameters; and the cost."""
-    costs = huber(problem.residual(*points), problem.criteria.significant).sum(axis=-1)
+    costs = huber(problem.criteria.significant, problem.residual(*points)).sum(axis=-1)
     costs = costs + np.stack([p.offset_costs() for p in points])
     best = points[0]
     for i, point in enumerate(points[1:], 1):

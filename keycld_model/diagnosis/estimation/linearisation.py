@@ -48,9 +48,3 @@ class Linearisation:
     def project(self, columns: Array) -> Array:
         """What initial states cannot explain of columns `[W, r, k]`."""
         return columns - self.basis @ (np.swapaxes(self.basis, 1, 2) @ columns)
-
-
-def huber(z: Array, outlier: float) -> Array:
-    """Nats of whitened deviations, which grow linearly from so many standard deviations on (Huber, 1964)."""
-    size = np.abs(z)
-    return np.where(size < outlier, 0.5 * z**2, outlier * (size - 0.5 * outlier))

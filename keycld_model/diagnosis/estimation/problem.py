@@ -6,11 +6,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import huber
 
 from keycld_envs.effects import Effect
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.belief import Belief
-from keycld_model.diagnosis.estimation.linearisation import Linearisation, huber
+from keycld_model.diagnosis.estimation.linearisation import Linearisation
 from keycld_model.diagnosis.estimation.parameters import effect_parameters, with_parameter
 from keycld_model.diagnosis.estimation.point import Point
 from keycld_model.diagnosis.inputs.observation import Nuisance
@@ -116,8 +117,8 @@ class Problem:
         return self.whiten(predicted[0] if len(points) == 1 else predicted)
 
     def costs(self, point: Point) -> Array:
-        """Nats of each window, `[W]`."""
-        return huber(self.residual(point), self.criteria.significant).sum(axis=-1) + point.offset_costs()
+        """Nats of each window, `[W]`; deviations from outliers grow linearly (Huber, 1964)."""
+        return huber(self.criteria.significant, self.residual(point)).sum(axis=-1) + point.offset_costs()
 
     def cost(self, point: Point) -> float:
         """Minus the logarithm of the posterior, nats up to a constant."""

@@ -21,6 +21,9 @@ UNITS = {
 """Units of the errors of a position."""
 DEVIATIONS = "standard deviations"
 """Unit of the error of a look's parameter."""
+FIRST = 7
+"""Samples that tell where a window begins, if no more than as many are missing among them: a parabola goes astray over
+a longer gap."""
 
 
 class JointPositions:
@@ -114,11 +117,11 @@ class JointPositions:
         return measured
 
     def initial_state(self, time: Array, measured: Array) -> tuple[Array, Array]:
-        """From a parabola through the first seven samples of each joint, or those of them before a gap."""
+        """From a parabola through the first samples of each joint, or those of them before a gap."""
         q, v = np.zeros((2, measured.shape[1]))
         for j in range(measured.shape[1]):
-            good = np.flatnonzero(np.isfinite(measured[:, j]))[:7]
-            near = good[good < good[0] + 14]
+            good = np.flatnonzero(np.isfinite(measured[:, j]))[:FIRST]
+            near = good[good < good[0] + 2 * FIRST]
             good = near if len(near) > 3 else good
             v[j], q[j] = np.polyfit(time[good], measured[good, j], 2 if len(good) > 3 else 1)[-2:]
         return q, v
