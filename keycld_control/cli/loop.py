@@ -24,7 +24,9 @@ class Args:
         conceal: Seed of the first combination of effects; the following ones count up.
         combinations: Number of combinations.
         out: Folder, with a folder for each combination: recordings, report.json, the corrected checkpoint, results.
-        episodes: Episodes per row and column of the table.
+        episodes: Episodes that are counted after the correction.
+        baseline_episodes: Episodes of each other column (before, true, fine-tuned), with the same first starts; as many
+            as after the correction if it is not given.
         recordings: Runs of the exploration, of 200 frames each.
         observe: What the diagnosis compares: frames ("pixels"), measured joint positions ("states"), or both.
         fine_tune: Also train the model on the same recordings, and count with it.
@@ -38,6 +40,7 @@ class Args:
     out: Path
     combinations: int = 1
     episodes: int = 100
+    baseline_episodes: int | None = None
     recordings: int = 12
     observe: Literal["pixels", "both", "states"] = "pixels"
     fine_tune: bool = False
@@ -56,7 +59,16 @@ def run(args: Args) -> None:
         raise InputError(f"combinations is {args.combinations}; it must be at least 1.")
     rows = []
     for seed in range(args.conceal, args.conceal + args.combinations):
-        plan = LoopPlan(args.system, seed, args.episodes, args.recordings, args.observe, args.fine_tune, args.seed)
+        plan = LoopPlan(
+            args.system,
+            seed,
+            args.episodes,
+            args.baseline_episodes,
+            args.recordings,
+            args.observe,
+            args.fine_tune,
+            args.seed,
+        )
         rows.append(close_the_loop(plan, args.out / f"{seed:05d}", args.workers))
     if args.json:
         print_result({"rows": rows}, as_json=True)

@@ -42,7 +42,8 @@ class LoopPlan:
     Attributes:
         system: short name or environment id.
         conceal: seed of the combination of effects, and of the exploration.
-        episodes: counted before and after, with the same starts.
+        episodes: counted after the correction.
+        baseline_episodes: counted in each of the other columns, with the same first starts; None takes as many.
         recordings: runs of the exploration.
         observe: what the diagnosis compares: frames, measured joint positions, or both.
         fine_tune: also train the model on the recordings, and count with it.
@@ -52,6 +53,7 @@ class LoopPlan:
     system: str
     conceal: int
     episodes: int = 100
+    baseline_episodes: int | None = None
     recordings: int = 12
     observe: Observe = "pixels"
     fine_tune: bool = False
@@ -59,7 +61,10 @@ class LoopPlan:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "system", resolve_env_id(self.system))
-        for name, least in (("conceal", 0), ("episodes", 1), ("recordings", 3), ("seed", 0)):
+        if self.baseline_episodes is None:
+            object.__setattr__(self, "baseline_episodes", self.episodes)
+        floors = (("conceal", 0), ("episodes", 1), ("baseline_episodes", 1), ("recordings", 3), ("seed", 0))
+        for name, least in floors:
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)}; it must be at least {least}.")
 
@@ -112,7 +117,9 @@ def close_the_loop(plan: LoopPlan, out: Path, workers: int = 1) -> dict[str, Any
 
 def _count(arm: str, settings: LoopSettings, plan: LoopPlan, out: Path, workers: int) -> dict[str, Any]:
     """What `swing_up` says of one column of the table."""
-    return _kept(out / "results" / f"{arm}.json", lambda: asdict(swing_up(settings, plan.episodes, workers)))
+    episodes = plan.episodes if arm == "after" else plan.baseline_episodes
+    assert episodes is not None
+    return _kept(out / "results" / f"{arm}.json", lambda: asdict(swing_up(settings, episodes, workers)))
 
 
 def _kept(path: Path, made: Callable[[], Any]) -> Any:
