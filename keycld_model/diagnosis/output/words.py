@@ -35,7 +35,8 @@ def spelled_out(effect: Effect) -> bool:
 
 def unit(text: str) -> str:
     """A unit as it is printed: "N m s/rad" is "N·m·s/rad", "1" is nothing."""
-    return "" if text == "1" else text.replace(" ", "·").replace("^2", "²").replace("of·the·", "of the ")
+    text = text.replace(" ", "·").replace("^2", "²")
+    return "" if text == "1" else text.replace("of·the·", "of the ").replace("standard·deviations", "σ")
 
 
 def decimals(spread: float) -> int:
@@ -53,8 +54,8 @@ def measured(estimate: Estimate) -> str:
     middle = abs(estimate.high + estimate.low - 2 * estimate.value) <= 0.2 * (estimate.high - estimate.low)
     interval = f"± {spread:.{digits}f}"
     if not middle:
-        interval = f"({estimate.low:.{digits}f} to {estimate.high:.{digits}f})"
-    return " ".join(x for x in (f"{estimate.value:.{digits}f}", interval, unit(estimate.unit)) if x)
+        interval = f"({estimate.low:z.{digits}f} to {estimate.high:z.{digits}f})"
+    return " ".join(x for x in (f"{estimate.value:z.{digits}f}", interval, unit(estimate.unit)) if x)
 
 
 def error(value: float) -> str:

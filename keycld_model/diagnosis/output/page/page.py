@@ -19,7 +19,15 @@ from keycld_model.diagnosis.output.page.elements import Element, markup
 from keycld_model.diagnosis.output.page.labels import Mark
 from keycld_model.diagnosis.output.page.mathml import mathml
 from keycld_model.diagnosis.output.page.plot_data import Json, plot_data
-from keycld_model.diagnosis.output.page.sections import cards, code, details, held_out_errors, minus, nuisances
+from keycld_model.diagnosis.output.page.sections import (
+    cards,
+    code,
+    details,
+    held_out_errors,
+    minus,
+    nuisance_scales,
+    nuisances,
+)
 from keycld_model.diagnosis.output.page.strip import strip
 from keycld_model.diagnosis.output.words import effect_name, error, experiment, measured, spelled_out
 from keycld_model.diagnosis.verdict.evidence import Evidence
@@ -65,6 +73,7 @@ def html_page(report: Report, environment: str | None = None, corrected: str | N
             errors=held_out_errors(report, evidence),
             cards=cards(report),
             nuisances=nuisances(report),
+            nuisance_scales=nuisance_scales(report),
             blocks=code(evidence, environment, corrected, bool(report.baseline)),
             functions=any(not spelled_out(e) for e in evidence.effects),
             details=details(report),

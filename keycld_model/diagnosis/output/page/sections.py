@@ -9,12 +9,13 @@ import numpy as np
 from markupsafe import Markup
 
 from keycld_envs.effects import Effect, effect_class
+from keycld_model.diagnosis.inputs.observation.joint_positions import DEVIATIONS
 from keycld_model.diagnosis.inputs.observation.nuisance import FACTOR_UNIT
 from keycld_model.diagnosis.output.native import native
 from keycld_model.diagnosis.output.page.elements import markup
 from keycld_model.diagnosis.output.page.mathml import mathml
 from keycld_model.diagnosis.output.page.portrait import portrait
-from keycld_model.diagnosis.output.words import call, in_sentence, measured, place, spelled_out
+from keycld_model.diagnosis.output.words import call, in_sentence, measured, place, spelled_out, unit
 from keycld_model.diagnosis.verdict.evidence import Evidence
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, Report
 from keycld_model.rigid_body.residual_force import ResidualForce
@@ -30,6 +31,10 @@ DETAILS = {
     "step_s": "time step, s",
 }
 """Names of a report's details; of others, their keys."""
+REACH = {"%": 30.0, "mrad": 50.0, "mm": 50.0, "px": 1.0, "px^2": 1.0, DEVIATIONS: 3.0}
+"""How far the scale of a refitted number reaches to either side, in its unit."""
+OTHER_REACH = 0.05
+"""The same for other units: s, s/m, 1/m."""
 
 
 @dataclass(frozen=True)
@@ -221,21 +226,30 @@ def minus(text: str) -> str:
 
 
 def nuisances(report: Report) -> list[Row]:
-    """What was refitted; positions are in thousandths, on scales of 50 of them, factors in percent, of 30."""
+    """What was refitted; positions are in thousandths, factors in percent."""
     rows = []
     for name, estimate in report.nuisance.items():
-        if estimate.unit in ("rad", "m"):
-            shown, reach = _scaled(estimate, 1e3, 0.0, f"m{estimate.unit}"), 50.0
-        elif estimate.unit != FACTOR_UNIT:
-            shown, reach = estimate, 0.05
-        else:
-            shown, reach = _scaled(estimate, 100.0, 1.0, "%"), 30.0
+        shown = _shown(estimate)
+        reach = REACH.get(shown.unit, OTHER_REACH)
         spread = (shown.high - shown.low) / 2
         low, high = (50 + 50 * float(np.clip(x / reach, -1, 1)) for x in (shown.value - spread, shown.value + spread))
         sign = "+" if shown.unit == "%" and shown.value > 0 else ""
         scale = Scale(_interval(shown), low, max(high - low, 1.0), None, 50.0)
         rows.append(Row(name, name.replace("_", " "), sign + measured(shown), scale))
     return rows
+
+
+def nuisance_scales(report: Report) -> str:
+    """How far the scales of what was refitted reach: "±30 %, ±50 mrad"."""
+    units = dict.fromkeys(_shown(estimate).unit for estimate in report.nuisance.values())
+    return ", ".join(f"±{REACH.get(name, OTHER_REACH):g} {unit(name)}".strip() for name in units)
+
+
+def _shown(estimate: Estimate) -> Estimate:
+    """A refitted number as it is shown."""
+    if estimate.unit in ("rad", "m"):
+        return _scaled(estimate, 1e3, 0.0, f"m{estimate.unit}")
+    return _scaled(estimate, 100.0, 1.0, "%") if estimate.unit == FACTOR_UNIT else estimate
 
 
 def _scaled(estimate: Estimate, factor: float, origin: float, unit: str) -> Estimate:
