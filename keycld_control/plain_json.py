@@ -1,4 +1,4 @@
-"""JSON of what functions return, and files of it."""
+"""JSON of what functions return, files of it, and lines for people."""
 
 import json
 import math
@@ -18,6 +18,18 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value if value is None or isinstance(value, str | int | float | bool) else str(value)
+
+
+def readable(value: Any) -> str:
+    """A line of `value` for people: four digits, names with spaces, a dash for nothing."""
+    value = plain(value)
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list):
+        return ", ".join(map(readable, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{key.replace('_', ' ')} {readable(item)}" for key, item in value.items())
+    return "–" if value is None else str(value)
 
 
 def write_json(path: Path, value: Any) -> None:

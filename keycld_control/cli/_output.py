@@ -8,7 +8,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from keycld_control.plain_json import plain
+from keycld_control.plain_json import plain, readable
 
 
 def print_result(result: Mapping[str, Any], *, as_json: bool) -> None:
@@ -23,16 +23,5 @@ def print_result(result: Mapping[str, Any], *, as_json: bool) -> None:
         return
     table = Table(box=box.SIMPLE, show_header=False)
     for name, value in result.items():
-        table.add_row(name.replace("_", " "), _text(value))
+        table.add_row(name.replace("_", " "), readable(value))
     Console().print(table)
-
-
-def _text(value: Any) -> str:
-    value = plain(value)
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, list):
-        return ", ".join(map(_text, value))
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_text(item)}" for key, item in value.items())
-    return "–" if value is None else str(value)

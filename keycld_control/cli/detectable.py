@@ -84,9 +84,8 @@ def _print_table(found: "list[Detectable]", others: list[str]) -> None:
 def _draw(found: "list[Detectable]", others: list[str], path: Path) -> None:
     """Bars of the forces that the smallest sizes make, by place, and a table; offline."""
     import plotly.graph_objects as go
-    from markupsafe import Markup
-    from plotly.offline import get_plotlyjs
 
+    from keycld_control.plots import plotly_script, plotted
     from keycld_envs.files import atomic_file
     from keycld_envs.templates import templates
 
@@ -101,13 +100,7 @@ def _draw(found: "list[Detectable]", others: list[str], path: Path) -> None:
             orientation="h",
             text=[f"{d.parameter} = {d.size:.2g} {d.unit}" for d in own],
         )
-    figure.update_layout(
-        xaxis_title="force along the recorded motion, N m or N, root mean square",
-        template="plotly_white",
-        height=140 + 22 * len(shown),
-        margin={"l": 320, "t": 20},
-    )
-    figure.update_xaxes(type="log")
+    figure.update_xaxes(type="log", title="force along the recorded motion, N m or N, root mean square")
     with atomic_file(path, "w") as file:
         file.write(
             templates("keycld_control.detectable")
@@ -115,7 +108,7 @@ def _draw(found: "list[Detectable]", others: list[str], path: Path) -> None:
             .render(
                 found=found,
                 others=others,
-                plot=Markup(figure.to_html(include_plotlyjs=False, full_html=False)),
-                plotly=Markup(get_plotlyjs()),
+                plot=plotted(figure, 140 + 22 * len(shown), 2, left=320),
+                plotly=plotly_script(),
             )
         )

@@ -146,8 +146,8 @@ def _decomposition(out: Path, data: Path, results: Sequence[Result]) -> Iterator
                 about = {"name": name, "legendgroup": name, "showlegend": first, "line": line}
                 figure.add_scatter(y=values[part][:, j], row=j + 1, col=k + 1, **about)
     figure.update_yaxes(title="N m", col=1)
-    figure.update_layout(template="plotly_white", height=520, margin={"t": 50}, legend={"orientation": "h"})
-    yield figure_of("Parts of the torque on the characters e, v and q, sample by sample, first seed", figure)
+    title = "Parts of the torque on the characters e, v and q, sample by sample, first seed"
+    yield figure_of(title, figure, 520, len(parts))
 
 
 def _horizon(results: Sequence[Result]) -> Iterator[Picture]:
@@ -164,7 +164,6 @@ def _horizon(results: Sequence[Result]) -> Iterator[Picture]:
                 marker={"symbol": "x", "color": "#333", "size": 10}, showlegend=model == "structured",
             )  # fmt: skip
     figure.update_yaxes(title="s", rangemode="tozero")
-    figure.update_layout(template="plotly_white", height=360, margin={"t": 30})
     yield figure_of("Valid rollouts, each of a character and a seed", figure)
 
 
@@ -179,5 +178,4 @@ def _amounts(results: Sequence[Result]) -> Iterator[Picture]:
             figure.add_scatter(x=amounts, y=means, name=TITLES[model], line={"color": colour}, mode="lines+markers")
     figure.update_xaxes(title="characters", type="log")
     figure.update_yaxes(title="(N m)²", type="log", exponentformat="power")
-    figure.update_layout(template="plotly_white", height=360, margin={"t": 30})
     yield figure_of("Torque error on the test characters", figure)

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from keycld_control.paper.aims import aims
@@ -33,6 +32,7 @@ from keycld_control.paper.tables import (
     vpt,
     with_measure,
 )
+from keycld_control.plots import plotly_script, plotted
 from keycld_envs.files import atomic_file
 from keycld_envs.templates import templates
 
@@ -82,9 +82,7 @@ def html_page(measured: str, sections: Sequence[Section], title: str = TITLE, co
         command: that writes it.
     """
     page = templates("keycld_control.paper").get_template("report.html")
-    return page.render(
-        plotly=Markup(get_plotlyjs()), measured=measured, sections=sections, title=title, command=command
-    )
+    return page.render(plotly=plotly_script(), measured=measured, sections=sections, title=title, command=command)
 
 
 def sections(out: Path, results: Sequence[Result]) -> Iterator[Section]:
@@ -128,8 +126,7 @@ def _curves(results: Sequence[Result]) -> Iterator[Picture]:
     figure.update_yaxes(type="log", exponentformat="power")
     figure.update_yaxes(title="mean squared error", col=1)
     figure.update_xaxes(title="frame")
-    figure.update_layout(template="plotly_white", height=420, margin={"t": 50})
-    yield figure_of("Error of predicted frames over time, first seed (figure 3)", figure)
+    yield figure_of("Error of predicted frames over time, first seed (figure 3)", figure, 420, len(systems))
 
 
 def _amounts(results: Sequence[Result]) -> Iterator[Picture]:
@@ -145,7 +142,6 @@ def _amounts(results: Sequence[Result]) -> Iterator[Picture]:
         figure.add_scatter(x=x, y=y, name=system, mode="lines+markers", line={"color": colour})
     figure.update_xaxes(type="log", title="sequences", tickvals=[*AMOUNTS, WHOLE])
     figure.update_yaxes(title="VPT from five frames", rangemode="tozero")
-    figure.update_layout(template="plotly_white", height=360, margin={"t": 30})
     yield figure_of("Valid prediction time by number of training sequences", figure)
 
 
@@ -169,8 +165,7 @@ def _potentials(results: Sequence[Result]) -> Iterator[Picture]:
             showlegend=i == 0, legendgroup="learned", **at,
         )  # fmt: skip
     figure.update_yaxes(title="J")
-    figure.update_layout(template="plotly_white", height=260 * ((len(sweeps) + 1) // 2), margin={"t": 50})
-    yield figure_of("Potential energy, first seed (figures 8 to 12)", figure)
+    yield figure_of("Potential energy, first seed (figures 8 to 12)", figure, 260 * ((len(sweeps) + 1) // 2), 2)
 
 
 def _memories(results: Sequence[Result]) -> Iterator[Picture]:
@@ -182,8 +177,8 @@ def _memories(results: Sequence[Result]) -> Iterator[Picture]:
     figure.update_xaxes(title="distance", rangemode="tozero")
     figure.update_yaxes(type="log", exponentformat="power")
     figure.update_yaxes(title="mean squared error", col=1)
-    figure.update_layout(template="plotly_white", height=360, margin={"t": 50})
-    yield figure_of("Error of test recordings against their distance to training recordings, first seed", figure)
+    title = "Error of test recordings against their distance to training recordings, first seed"
+    yield figure_of(title, figure, columns=len(measured))
 
 
 def _swing_ups(out: Path, results: Sequence[Result]) -> Iterator[Picture]:
@@ -214,9 +209,9 @@ def _pictures(title: str, out: Path, pictures: Sequence[tuple[str, str]]) -> Ite
         yield Picture(title, images=tuple(images))
 
 
-def figure_of(title: str, figure: go.Figure) -> Picture:
-    """A plot below a table."""
-    return Picture(title, Markup(figure.to_html(include_plotlyjs=False, full_html=False)))
+def figure_of(title: str, figure: go.Figure, height: int = 360, columns: int = 1) -> Picture:
+    """A plot below a table, so many px high, with so many subplots beside each other."""
+    return Picture(title, plotted(figure, height, columns))
 
 
 def _number(results: Sequence[Result]) -> str:

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import plotly.graph_objects as go
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
+from keycld_control.plots import plotly_script, plotted
 from keycld_control.runs.strip import strip
 from keycld_envs.files import atomic_file
 from keycld_envs.recordings import Dataset
@@ -79,13 +78,13 @@ def html_page(
         templates("keycld_control.runs")
         .get_template("report.html")
         .render(
-            plotly=Markup(get_plotlyjs()),
+            plotly=plotly_script(),
             title=title,
             refresh=None if finished else REFRESH_S,
             step=last.get("step", 0),
             steps=steps,
             rows=[(name.replace("_", " "), f"{v:.4g}" if isinstance(v, float) else v) for name, v in last.items()],
-            curves=None if figure is None else Markup(figure.to_html(include_plotlyjs=False, full_html=False)),
+            curves=None if figure is None else plotted(figure, 120 + 180 * len(figure.layout.annotations)),
             picture=picture,
             predicted=finished,
         )
@@ -117,5 +116,4 @@ def curves(entries: Iterable[Mapping[str, Any]]) -> go.Figure | None:
         if all(value > 0 for points in parts.values() for _, value in points):
             figure.update_yaxes(type="log", exponentformat="power", row=row, col=1)
     figure.update_xaxes(title="step", row=len(series), col=1)
-    figure.update_layout(template="plotly_white", height=120 + 180 * len(series), margin={"t": 40})
     return figure

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from markupsafe import Markup
 from numpy.typing import NDArray
 from PIL import Image
-from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 from scipy.special import ellipk
 
-from keycld_control.plain_json import plain
+from keycld_control.plain_json import readable
+from keycld_control.plots import plotly_script, plotted
+from keycld_envs.effects import phrase
 from keycld_envs.templates import templates
 from keycld_model.tracking import Track
 from keycld_model.tracking.pendulum import Study
@@ -36,21 +36,21 @@ def html_page(track: Track, study: Study | None, numbers: Mapping[str, Any], str
         strip: [h, w, 3] uint8 pictures with the track drawn over them.
     """
     rows = [
-        (name.replace("_", " "), _text(value))
+        (name.replace("_", " "), readable(value))
         for name, value in numbers.items()
         if name not in ("candidates", "doubts")
     ]
-    plots = [_plot(_angles(track, study))]
+    plots = [plotted(_angles(track, study), 460)]
     if study is not None:
-        plots.append(_plot(_periods(study)))
+        plots.append(plotted(_periods(study), 340))
     page = templates("keycld_control.tracking").get_template("report.html")
     return page.render(
-        plotly=Markup(get_plotlyjs()),
+        plotly=plotly_script(),
         name=track.film.path.name,
         verdict=numbers["dissipation"],
         doubts=numbers["doubts"],
         rows=rows,
-        candidates=numbers.get("candidates", []),
+        candidates=[c | {"effects": ", ".join(map(phrase, c["effects"]))} for c in numbers.get("candidates", [])],
         plots=plots,
         strip=[_picture(image) for image in strip],
     )
@@ -79,7 +79,6 @@ def _angles(track: Track, study: Study | None) -> go.Figure:
     figure.update_yaxes(title="angle, rad", row=1, col=1)
     figure.update_yaxes(title="mrad", rangemode="tozero", row=2, col=1)
     figure.update_xaxes(title="time, s", row=2, col=1)
-    figure.update_layout(template="plotly_white", height=460, margin={"t": 20})
     return figure
 
 
@@ -92,12 +91,7 @@ def _periods(study: Study) -> go.Figure:
     figure.add_scatter(x=axis, y=theory, mode="lines", name="rigid pendulum", line={"color": PINK})
     figure.update_xaxes(title="amplitude, rad", rangemode="tozero")
     figure.update_yaxes(title="period, s")
-    figure.update_layout(template="plotly_white", height=320, margin={"t": 20})
     return figure
-
-
-def _plot(figure: go.Figure) -> Markup:
-    return Markup(figure.to_html(include_plotlyjs=False, full_html=False))
 
 
 def _picture(image: NDArray[np.uint8]) -> str:
@@ -106,14 +100,3 @@ def _picture(image: NDArray[np.uint8]) -> str:
     file = io.BytesIO()
     picture.save(file, "PNG")
     return base64.b64encode(file.getvalue()).decode("ascii")
-
-
-def _text(value: Any) -> str:
-    value = plain(value)
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, list):
-        return ", ".join(map(_text, value))
-    if isinstance(value, dict):
-        return "; ".join(f"{key.replace('_', ' ')}: {_text(item)}" for key, item in value.items())
-    return "–" if value is None else str(value)

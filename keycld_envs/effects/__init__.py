@@ -51,3 +51,9 @@ frictions by a load."""
 def effect_class(id: str, kind: str) -> type[Effect] | None:
     """The effect with an id at a kind of place; None if there is none."""
     return next((effect for effect in EFFECTS.values() if (effect.id, effect.kind) == (id, kind)), None)
+
+
+def phrase(id: str) -> str:
+    """Name of an effect's id inside a sentence: "Coulomb friction", "a spring"."""
+    phrases = (kind.phrase for kind in EFFECTS.values() if kind.id == id)
+    return next(phrases, "") or id.replace("_", " ").lower()

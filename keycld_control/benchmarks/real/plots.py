@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
-from markupsafe import Markup, escape
+from markupsafe import escape
 from numpy.typing import NDArray
-from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from keycld_control.benchmarks.real.gate import GateResult
+from keycld_control.plots import plotly_script, plotted
 from keycld_envs.files import atomic_file
 from keycld_envs.templates import templates
 
@@ -30,11 +30,10 @@ def write_page(result: GateResult, path: Path) -> None:
             figure.add_trace(_line(curve.time, curve.measured - predicted, name, False), row, 2)
         figure.update_yaxes(title_text=curve.unit, row=row)
     figure.update_xaxes(title_text="s", row=rows)
-    figure.update_layout(template="plotly_white", height=110 + 260 * rows, margin={"t": 60})
-    plot = figure.to_html(include_plotlyjs=False, full_html=False)
+    plot = plotted(figure, 110 + 260 * rows, 2)
     page = templates("keycld_control.benchmarks.real").get_template("gate.html")
     with atomic_file(path, "w") as file:
-        file.write(page.render(result=result, plot=Markup(plot), plotly=Markup(get_plotlyjs())))
+        file.write(page.render(result=result, plot=plot, plotly=plotly_script()))
 
 
 def _line(x: NDArray[np.float64], y: NDArray[np.float64], name: str, legend: bool) -> go.Scatter:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from math import floor, isfinite, log10
 
-from keycld_envs.effects import EFFECTS, Effect, ExternalPulse
+from keycld_envs.effects import Effect, ExternalPulse, phrase
 from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors, Unexplained, Verdict
 from keycld_model.rigid_body.residual_force import ResidualForce
 
@@ -67,8 +67,7 @@ def error(value: float) -> str:
 
 def in_sentence(effect: str) -> str:
     """Name of an effect's id inside a sentence: "Coulomb friction", "a spring"."""
-    phrases = (kind.phrase for kind in (*EFFECTS.values(), ResidualForce) if kind.id == effect)
-    return next(phrases, "") or effect.replace("_", " ").lower()
+    return ResidualForce.phrase if effect == ResidualForce.id else phrase(effect)
 
 
 def place(finding: Finding) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ellipk
 from scipy.stats import f
 
+from keycld_envs.effects import phrase
 from keycld_envs.progress import Advance
 from keycld_model.tracking.pendulum.fit import Fit, fit_motion, thinned
 from keycld_model.tracking.pendulum.motion import COMMON, TERMS, Motion
@@ -234,4 +235,4 @@ def _parameters(fit: Fit) -> dict[str, tuple[float, float, float, str]]:
 
 
 def _named(terms: tuple[str, ...]) -> str:
-    return " with ".join(term.replace("_", " ") for term in terms) or "none"
+    return " with ".join(map(phrase, terms)) or "none"
