@@ -74,11 +74,30 @@ def _print_table(found: "list[Detectable]", others: list[str]) -> None:
 
     table = Table("place", "effect", "smallest difference", "force, rms", box=box.SIMPLE)
     for d in found:
-        size = f"{d.parameter} = {d.size:.2g} {d.unit}" if isfinite(d.size) else f"{d.parameter}: none"
-        table.add_row(f"{d.kind} {d.where}", d.effect, size, f"{d.force:.2g}" if isfinite(d.force) else "")
+        table.add_row(*_row(d))
     console = Console()
     console.print(table)
-    console.print(f"No size is told of {', '.join(others)}.", highlight=False)
+    console.print(f"No size is told of {_listed(others)}.", highlight=False)
+
+
+def _row(d: "Detectable") -> tuple[str, str, str, str]:
+    """Place, effect, least difference and its force, for people."""
+    from keycld_model.diagnosis.output.words import effect_name
+
+    where = "gravity" if d.where == d.kind else f"{d.kind} {d.where}"
+    return where, effect_name(d.effect), _size(d), f"{d.force:.2g}" if isfinite(d.force) else ""
+
+
+def _size(d: "Detectable") -> str:
+    from keycld_model.diagnosis.output.words import unit
+
+    return f"{d.parameter} = {d.size:.2g} {unit(d.unit)}".strip() if isfinite(d.size) else f"{d.parameter}: none"
+
+
+def _listed(effects: list[str]) -> str:
+    from keycld_envs.effects import phrase
+
+    return ", ".join(map(phrase, effects))
 
 
 def _draw(found: "list[Detectable]", others: list[str], path: Path) -> None:
@@ -88,6 +107,7 @@ def _draw(found: "list[Detectable]", others: list[str], path: Path) -> None:
     from keycld_control.plots import plotly_script, plotted
     from keycld_envs.files import atomic_file
     from keycld_envs.templates import templates
+    from keycld_model.diagnosis.output.words import effect_name
 
     shown = [d for d in found if isfinite(d.force) and d.force > 0]
     figure = go.Figure()
@@ -96,9 +116,9 @@ def _draw(found: "list[Detectable]", others: list[str], path: Path) -> None:
         figure.add_bar(
             name=where,
             x=[d.force for d in own],
-            y=[f"{d.effect} {d.parameter}, {d.where}" for d in own],
+            y=[f"{effect_name(d.effect)} {d.parameter}, {d.where}" for d in own],
             orientation="h",
-            text=[f"{d.parameter} = {d.size:.2g} {d.unit}" for d in own],
+            text=[_size(d) for d in own],
         )
     figure.update_xaxes(type="log", title="force along the recorded motion, N m or N, root mean square")
     with atomic_file(path, "w") as file:
@@ -106,9 +126,9 @@ def _draw(found: "list[Detectable]", others: list[str], path: Path) -> None:
             templates("keycld_control.detectable")
             .get_template("page.html")
             .render(
-                found=found,
-                others=others,
-                plot=plotted(figure, 140 + 22 * len(shown), 2, left=320),
+                rows=[_row(d) for d in found],
+                others=_listed(others),
+                plot=plotted(figure, 140 + 22 * len(shown), 2, left=240),
                 plotly=plotly_script(),
             )
         )

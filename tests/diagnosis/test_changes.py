@@ -104,11 +104,11 @@ def test_what_is_detectable_is_told_by_place_and_effect(
     page = tmp_path / "least.html"
     assert main(["detectable", str(tmp_path), "--env", "pendulum", "--out", str(page)]) == 0
     printed = capsys.readouterr().out
-    (row,) = [line for line in printed.splitlines() if "viscous_friction" in line]
-    assert "joint hinge" in row and "N m s/rad" in row
-    assert "external_pulse" in printed.partition("No size is told of")[2]
+    (row,) = [line for line in printed.splitlines() if "Viscous friction" in line]
+    assert "joint hinge" in row and "N·m·s/rad" in row
+    assert "an external pulse" in printed.partition("No size is told of")[2]
     table = page.read_text(encoding="utf-8").partition("<tbody>")[2]
-    assert "joint hinge</td><td>viscous_friction" in table and "external_pulse" in table
+    assert "joint hinge</td><td>Viscous friction" in table and "an external pulse" in table
 
 
 def test_a_joint_that_is_held_still_is_named_and_not_vouched_for() -> None:

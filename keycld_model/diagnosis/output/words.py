@@ -11,6 +11,8 @@ from keycld_model.rigid_body.residual_force import ResidualForce
 
 MUCH_BEYOND = 0.25
 """Share of the time beyond the range of a baseline that a headline mentions."""
+PRINTED = {"standard deviations": "σ", "^2": "²", " ": "·", "of·the·": "of the ", "·or·": " or "}
+"""What units of reports are for people, in this order."""
 FINEST = 1e-4
 """Of a number, beyond which no digits are written, however narrow its interval."""
 
@@ -35,8 +37,9 @@ def spelled_out(effect: Effect) -> bool:
 
 def unit(text: str) -> str:
     """A unit as it is printed: "N m s/rad" is "N·m·s/rad", "1" is nothing."""
-    text = text.replace(" ", "·").replace("^2", "²")
-    return "" if text == "1" else text.replace("of·the·", "of the ").replace("standard·deviations", "σ")
+    for written, printed in PRINTED.items():
+        text = text.replace(written, printed)
+    return "" if text == "1" else text
 
 
 def decimals(spread: float) -> int:
