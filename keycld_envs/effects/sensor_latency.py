@@ -12,6 +12,7 @@ class SensorLatency(SensorEffect):
     """Positions are of a moment earlier than their time says."""
 
     id: ClassVar[str] = "sensor_latency"
+    phrase: ClassVar[str] = "a sensor latency"
     equation: ClassVar[str] = "y(t) = q(t - d)"
     confusable: ClassVar[Confusable | None] = Confusable("lateness", {"d": 1.0})
     same_everywhere: ClassVar[str] = "actuator_delay"
