@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from keycld_envs.disturbance import Disturbance, seen
 from keycld_envs.errors import InputError
 from keycld_envs.projection import pose
+from keycld_envs.recordings.checks import check_units
 from keycld_envs.recordings.recording import Recording
 from keycld_envs.rendering import Quality, Renderer, describe_camera
 
@@ -47,7 +48,8 @@ def rerender(
         advance: is called after every frame.
 
     Raises:
-        InputError: if there are no joint positions, none of all joints at once, or not of the model's joints.
+        InputError: if there are no joint positions, none of all joints at once, or not of the model's joints, or in
+            other units.
     """
     positions = _positions(recording, model)
     samples = _samples(recording, positions, rate)
@@ -90,6 +92,7 @@ def _positions(recording: Recording, model: mujoco.MjModel) -> NDArray[np.float6
             f"Recording {recording.id!r} has the joints {', '.join(recording.joint_names)}, the simulator has "
             f"{', '.join(own)}; hinges and slides of the same names are needed."
         )
+    check_units(recording)
     return np.asarray(recording.qpos)[:, [recording.joint_names.index(name) for name in own]]
 
 

@@ -46,6 +46,14 @@ def middle_of_the_ball(frame: np.ndarray) -> np.ndarray:
     return np.array([columns.mean(), 63 - rows.mean()]) - 31.5
 
 
+@pytest.mark.parametrize("unit", ["deg", ("rad", "mm")])
+def test_positions_in_other_units_are_refused(unit: str | tuple[str, str]) -> None:
+    times = np.arange(0, 1, 0.01)
+    recording = replace(logged(times, 100 * times), units={"qpos": unit})
+    with pytest.raises(InputError, match=r"'(elbow|shoulder)' in '(deg|mm)'; convert qpos to rad or m"):
+        count_frames(recording, arm(), 20)
+
+
 def test_frames_show_the_measured_positions_at_the_time_at_which_they_were_measured():
     times = 100 + np.sort(np.random.default_rng(0).uniform(0, 0.5, 200))
     drawn = rerender(logged(times, 3 * (times - 100)), arm(), "front", rate=20)

@@ -5,6 +5,7 @@ import numpy as np
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
+from keycld_envs.recordings.checks import check_units
 
 FEWEST = 4
 """Samples of a joint's position."""
@@ -22,12 +23,10 @@ def check_positions(recording: Recording, model: mujoco.MjModel) -> None:
             f"{who} has the joints {list(recording.joint_names)}, the simulator has {list(joints)}; name and order "
             "the columns of qpos like the simulator's joints."
         )
-    unit, positions = recording.units.get("qpos", ""), np.asarray(recording.qpos)
+    check_units(recording)
+    positions = np.asarray(recording.qpos)
     first = int(np.isfinite(positions).any(axis=1).argmax())
     for j, name in enumerate(recording.joint_names):
-        own = unit if isinstance(unit, str) else unit[j]
-        if own not in ("rad", "m", "1", ""):
-            raise InputError(f"{who} has positions of {name!r} in {own!r}; convert qpos to rad or m.")
         q = positions[first:, j]
         good = np.flatnonzero(np.isfinite(q))
         if len(q) < FEWEST:
