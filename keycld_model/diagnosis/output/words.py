@@ -207,9 +207,7 @@ def _few(findings: Sequence[Finding]) -> str:
         size = f" of {measured(estimates[0])}" if len(estimates) == 1 else ""
         kind = finding.where["kind"]
         verb = "have" if kind == "world" else "has"
-        what = (
-            in_sentence(finding.effect).replace(f"an {kind} ", "a ").replace(f"{kind} ", "")
-        )  # it is the place's word
+        what = in_sentence(finding.effect).replace(f"an {kind} ", "a ").replace(f"{kind} ", "")  # said by the place
         parts.append(f"{place(finding)} {verb} {what}{size}")
     return ", and ".join(parts)
 
