@@ -66,7 +66,7 @@ def _meta(recording: Recording) -> Iterator[str]:
 
 
 def _signals(recording: Recording) -> Iterator[str]:
-    if recording.t_frame is None and recording.qpos is None:
+    if recording.t_frame is None and recording.qpos is None and recording.frames is None and recording.video is None:
         yield "there are neither frames nor qpos; a recording needs one of them."
     for key in SIGNALS:
         array = getattr(recording, key)

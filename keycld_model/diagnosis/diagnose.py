@@ -23,7 +23,7 @@ from keycld_model.diagnosis.estimation.replay import rollout_error
 from keycld_model.diagnosis.inputs.checks import check, check_apart
 from keycld_model.diagnosis.inputs.joint_model import simulator_of
 from keycld_model.diagnosis.inputs.observation import JointPositions, Observation
-from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, split
+from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, split, uncommanded
 from keycld_model.diagnosis.inputs.ranges import Paths, beyond, notable
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.output.words import headline
@@ -105,15 +105,18 @@ def diagnose(
         about["not_asked"] = not_asked(model)
     if baseline:
         report = _changed(recordings, baseline, model, criteria, spending)
-        return replace(report, details={**report.details, "not_tried": spending.not_tried, **about})
+        said = report.headline + uncommanded([*recordings, *baseline], model)
+        about = {"not_tried": spending.not_tried, **about}
+        return replace(report, headline=said, details={**report.details, **about})
     if tracked and observation is not None:
         raise InputError("tracked is of joint positions, but an observation is handed in; hand in one of them.")
     encoders = not tracked and observation is None
     if observation is None:
         observation = JointPositions(model, tracked=tracked, criteria=criteria)
     report = _lacking(recordings, held_out, model, observation, criteria, spending, encoders)
-    own = {"not_tried": spending.not_tried, "tracked": tracked, **about}
-    return replace(report, details={**report.details, **own})
+    said = report.headline + uncommanded([*recordings, *held_out], model)
+    about = {"not_tried": spending.not_tried, "tracked": tracked, **about}
+    return replace(report, headline=said, details={**report.details, **about})
 
 
 def _lacking(

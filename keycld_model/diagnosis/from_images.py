@@ -11,6 +11,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.diagnose import diagnose
+from keycld_model.diagnosis.inputs.checks import check_commands, check_films, check_model
 from keycld_model.diagnosis.inputs.observation import JointPositions, Observation
 from keycld_model.diagnosis.inputs.observation.encoders_and_camera import EncodersAndCamera, joined
 from keycld_model.diagnosis.output.pictures import pictures
@@ -65,6 +66,9 @@ def diagnose_images(
     if baseline and encoders:
         raise InputError("A baseline is compared by one sensor; observe states or pixels, not both.")
     every = [*recordings, *held_out, *baseline]
+    check_model(model)
+    check_commands(every, model)
+    check_films(every, criteria.sizes.window)
     positions = read_positions(every, model, camera, workers)
     if not _believed(positions, criteria):
         remedy = "Give the simulator the camera, the shapes and the colours of the scene."

@@ -171,7 +171,7 @@ def _stepped(scene: Scene, state: _State, soft: float, camera: bool, blur: bool)
     step = np.zeros(len(values))
     if len(free):
         step[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
-    step *= min(1.0, LONGEST / float(np.abs(step / spread).max()))
+    step *= LONGEST / max(LONGEST, float(np.abs(step / spread).max()))
     step[-1] = max(step[-1], -values[-1])
     samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
     known = np.diag(1 / spread**2) + sum(part.normal for part in seen) / design_effect([part.left for part in seen])

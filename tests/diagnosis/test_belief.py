@@ -79,3 +79,19 @@ def test_passive_motion_tells_nothing_of_the_scale_of_all_masses():
     masses = [i for i, nuisance in enumerate(problem.nuisances) if nuisance.kind == "mass"]
     one, all_of_them = (float(np.sum(column**2)) for column in (slopes[..., masses[1]], slopes[..., masses].sum(-1)))
     assert one * problem.spreads[masses[1]] ** 2 > 100 > 0.1 > all_of_them * problem.spreads[masses[1]] ** 2
+
+
+def test_nor_of_the_scale_of_all_masses_and_a_friction_that_explains_much():
+    def damped(t, q, v, u):
+        return np.array([0.0, -0.5 * v[1]])
+
+    model = get_system("acrobot").compile()
+    passive = recordings("acrobot", 5, damped, errors=0.2, number=7, seconds=2.0)[::3]
+    problem = problem_of(Simulator(model, 0.01), passive)
+    fit = minimise(problem, problem.start().with_effects(ViscousFriction("elbow", 0.5)), 20)
+    slopes = problem.linearise(fit.point)[0].shared
+    masses = [i for i, nuisance in enumerate(problem.nuisances) if nuisance.kind == "mass"]
+    friction = slopes[..., len(problem.nuisances)] * fit.effects[0].b  # to its logarithm
+    together = slopes[..., masses].sum(-1) + friction
+    one, all_of_them = (float(np.sum(column**2)) for column in (friction, together))
+    assert one > 1e6 > 0.01 > all_of_them * problem.spreads[masses[1]] ** 2

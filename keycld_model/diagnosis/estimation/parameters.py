@@ -26,12 +26,17 @@ class EffectParameter:
         """Its value."""
         return float(getattr(effects[self.effect], self.parameter.name))
 
-    def step(self, effects: Sequence[Effect]) -> float:
-        """Step of a finite difference: inwards near the upper bound, and short for rotors, which swing fast."""
+    def beside(self, effects: Sequence[Effect]) -> tuple[float, float]:
+        """Two values for a finite difference: to both sides, or the value itself where a bound is near.
+
+        They are near for rotors, which swing fast. One-sided differences would not do: where an effect explains much,
+        their error is larger than what is left, so that passive motion would seem to tell the scale of all masses.
+        """
         value = self.of(effects)
         share = 0.001 if isinstance(effects[self.effect], TransmissionEffect) else 0.02
         step = share * max(0.1 * self.parameter.scale, abs(value) * 0.5)
-        return -step if value + step > self.parameter.high else step
+        low, high = self.parameter.low, self.parameter.high
+        return value - step if value - step > low else value, value + step if value + step <= high else value
 
 
 def effect_parameters(effects: Sequence[Effect]) -> list[EffectParameter]:

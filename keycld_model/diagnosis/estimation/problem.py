@@ -152,29 +152,35 @@ class Problem:
             offsets = point.recording_offsets(recordings)
             offsets[:, m] += 0.1 * spread
             hidden.append(replace(base, recording_offsets=offsets))
-        variants = [base, *(variant for _, _, variant in shared_steps), *hidden]
+        variants = [base, *(variant for _, _, beside in shared_steps for variant in beside), *hidden]
         others = [base.with_effects(*effects) for effects in extra]
         residuals, states, of_sensor = self._roll([*variants, *others], point)
         here, numbers = residuals[0], len(self.nuisances) + len(effect_parameters(base.effects))
         shared = np.zeros((*here.shape, numbers + recordings * len(spreads)))
-        for (column, step, _), there in zip(shared_steps, residuals[1:], strict=False):
-            shared[..., column] = (here - there) / step
-        for m, (spread, there) in enumerate(zip(spreads, residuals[1 + len(shared_steps) :], strict=False)):
+        moved = iter(residuals[1:])
+        for column, width, beside in shared_steps:
+            after = next(moved)
+            shared[..., column] = ((next(moved) if len(beside) > 1 else here) - after) / width
+        for m, (spread, there) in enumerate(zip(spreads, moved, strict=False)):
             at = numbers + self.windows.recording * len(spreads) + m
             shared[np.arange(len(here)), :, at] = (here - there) / (0.1 * spread)
         if not only_states:
             shared[..., len(self.simulator.nuisances) : len(self.nuisances)] = of_sensor
         return Linearisation(here, states, shared), residuals[len(variants) :]
 
-    def _steps(self, point: Point) -> list[tuple[int, float, Variant]]:
-        """Column, step and variant of each finite difference to a nuisance of the simulator, or a parameter."""
-        base, out, effects = point.variant, [], point.effects
-        for i, nuisance in enumerate(self.simulator.nuisances):
-            out.append((i, nuisance.step, _moved(base, i, nuisance.step)))
+    def _steps(self, point: Point) -> list[tuple[int, float, list[Variant]]]:
+        """Column and width of each finite difference to a nuisance of the simulator, or a parameter.
+
+        And the variants that it is of: the one after the step, and the one before unless that is the point's own.
+        """
+        base, effects = point.variant, point.effects
+        out = [(i, n.step, [_moved(base, i, n.step)]) for i, n in enumerate(self.simulator.nuisances)]
         for k, parameter in enumerate(effect_parameters(effects)):
-            step = parameter.step(effects)
-            changed = with_parameter(effects, parameter, parameter.of(effects) + step)
-            out.append((len(self.nuisances) + k, step, replace(base, effects=changed)))
+            before, after = parameter.beside(effects)
+            value = parameter.of(effects)
+            ends = [x for x in (after, before) if x != value]
+            beside = [replace(base, effects=with_parameter(effects, parameter, x)) for x in ends]
+            out.append((len(self.nuisances) + k, ends[0] - (ends[1] if len(ends) > 1 else value), beside))
         return out
 
     def linearise_states(self, point: Point) -> tuple[Array, Array]:

@@ -4,11 +4,15 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.inputs.observation import Observation
 from keycld_model.diagnosis.inputs.source import unnamed
+
+SLOWEST = 0.5
+"""Seconds between samples: a motion that is seen less often cannot be followed."""
 
 
 def check(recordings: Sequence[Recording], model: mujoco.MjModel, observation: Observation, samples: int) -> None:
@@ -22,6 +26,23 @@ def check(recordings: Sequence[Recording], model: mujoco.MjModel, observation: O
     """
     if not recordings:
         raise InputError("There are no recordings; hand in at least one with joint positions.")
+    check_model(model)
+    check_commands(recordings, model)
+    for recording in recordings:
+        observation.check(recording)
+        _check_clocks(recording, f"Recording {recording.id!r}", samples)
+    shown = [observation.measured(recording) for recording in recordings]
+    moved = np.nanmax([np.nanmax(y, axis=0) - np.nanmin(y, axis=0) for y in shown], axis=0)
+    if moved.max() < 0.05:
+        most = int(moved.argmax())
+        raise InputError(
+            f"{observation.names[most]!r} moved {moved[most]:.2g} {observation.units[most]} at most, and nothing else "
+            "moved more; nothing can be identified. Excite the mechanism."
+        )
+
+
+def check_model(model: mujoco.MjModel) -> None:
+    """Raise InputError if a simulator has joints that are not handled, or parts that nothing can be said of."""
     if not np.isin(model.jnt_type, [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]).all():
         raise InputError("The model has a ball or free joint; diagnosis handles hinges and slides.")
     if (nameless := unnamed(model)) is not None:
@@ -29,9 +50,12 @@ def check(recordings: Sequence[Recording], model: mujoco.MjModel, observation: O
             f"The simulator's {nameless} has no name; name it in the MJCF, or hand in Source.of_file(path).model, in "
             "which everything has one."
         )
+
+
+def check_commands(recordings: Sequence[Recording], model: mujoco.MjModel) -> None:
+    """Raise InputError if recordings have other commands than those of a simulator's motors."""
     for recording in recordings:
         who = f"Recording {recording.id!r}"
-        observation.check(recording)
         if recording.action is not None and recording.action.shape[1] != model.nu:
             raise InputError(
                 f"{who} has {recording.action.shape[1]} actions {list(recording.actuator_names)}, the simulator has "
@@ -44,28 +68,32 @@ def check(recordings: Sequence[Recording], model: mujoco.MjModel, observation: O
                 f"{who} has the actions {list(recording.actuator_names)}, the simulator has the actuators {list(names)}"
                 "; order the columns of action like the simulator's actuators."
             )
-        _check_clocks(recording, who, samples)
-    shown = [observation.measured(recording) for recording in recordings]
-    moved = np.nanmax([np.nanmax(y, axis=0) - np.nanmin(y, axis=0) for y in shown], axis=0)
-    if moved.max() < 0.05:
-        most = int(moved.argmax())
+
+
+def check_films(recordings: Sequence[Recording], samples: int) -> None:
+    """Raise InputError if the clocks of frames cannot be those of a motion, before any is looked at."""
+    for recording in recordings:
+        if recording.t_frame is not None:
+            _check_clock(np.asarray(recording.t_frame), "frame", f"Recording {recording.id!r}", samples)
+
+
+def _check_clock(t: NDArray[np.float64], what: str, who: str, samples: int) -> None:
+    """Of samples or frames."""
+    clock = {"sample": "t_state", "frame": "t_frame"}[what]
+    if len(t) < samples:
+        raise InputError(f"{who} has {len(t)} {what}s; at least {samples} are needed.")
+    between = float(np.median(np.diff(t)))
+    if not between > 0:
+        raise InputError(f"{who} has a clock that stands still ({clock}); record when each {what} was taken.")
+    if between > SLOWEST:
         raise InputError(
-            f"{observation.names[most]!r} moved {moved[most]:.2g} {observation.units[most]} at most, and nothing else "
-            "moved more; nothing can be identified. Excite the mechanism."
+            f"{who} has a {what} every {between:.3g} s; {clock} must be in seconds, {SLOWEST} s apart at most."
         )
 
 
 def _check_clocks(recording: Recording, who: str, samples: int) -> None:
     t, t_action = np.asarray(recording.t_state), recording.t_action
-    if len(t) < samples:
-        raise InputError(f"{who} has {len(t)} samples; at least {samples} are needed.")
-    between = float(np.median(np.diff(t)))
-    if not between > 0:
-        raise InputError(f"{who} has a clock that stands still (t_state); record when each sample was taken.")
-    if between > (slowest := 0.5):
-        raise InputError(
-            f"{who} has a sample every {between:.3g} s; t_state must be in seconds, {slowest} s apart at most."
-        )
+    _check_clock(t, "sample", who, samples)
     if recording.action is None or t_action is None or not len(t_action):
         return
     if t_action[0] >= t[-1] or (len(t_action) > 1 and t_action[-1] <= t[0]):

@@ -106,6 +106,14 @@ def thin(recording: Recording, closest: float = CLOSEST) -> Recording:
     return _part(recording, slice(None, None, every)) if every > 1 else recording
 
 
+def uncommanded(recordings: Sequence[Recording], model: mujoco.MjModel) -> str:
+    """A sentence, with a space before it, if there are motors and no recording has a command; else nothing."""
+    if not model.nu or any(recording.action is not None for recording in recordings):
+        return ""
+    motors = ", ".join(model.actuator(i).name for i in range(model.nu))
+    return f" No recording has commands (action): the simulator's motors, {motors}, count as off."
+
+
 def _commanded(recording: Recording, model: mujoco.MjModel) -> Recording:
     """What has no recorded commands is passive."""
     if recording.action is not None:
