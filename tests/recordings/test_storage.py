@@ -117,6 +117,7 @@ def test_a_write_killed_in_the_middle_leaves_no_recording_and_is_repeated(tmp_pa
         ({"t_frame": np.arange(7.0)}, "frames has 8 frames, but t_frame has 7"),
         ({"t_frame": np.array([])}, "t_frame is empty"),
         ({"t_frame": None}, "frames have no clock"),
+        ({"qpos": None, "qvel": None, "t_state": None, "t_frame": None}, "frames have no clock"),
         ({"frames": None}, "lists 8 frames, but no frames are stored"),
         ({"frames": np.zeros((8, 10, 12), np.uint8)}, r"frames.npz: frames has shape \[8, 10, 12\]"),
         ({"frames": np.zeros((8, 10, 12, 4), np.uint8)}, r"it must be \[T, H, W, 3\]"),
