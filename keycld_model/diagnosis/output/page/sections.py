@@ -300,7 +300,7 @@ def details(report: Report) -> list[tuple[str, str]]:
     """The fits' numbers by name."""
     named = {DETAILS.get(key, key.replace("_", " ")): value for key, value in report.details.items()}
     items = {"held out": ", ".join(report.held_out), **named, "schema": report.schema}
-    return [(name, _plain(value)) for name, value in items.items()]
+    return [(name, text) for name, value in items.items() if (text := _plain(value))]
 
 
 def _plain(value: object) -> str:
