@@ -4,7 +4,8 @@ One actuator pumps, the one that lacks most. The others hold the mechanism in th
 moves along a curve: the configurations reached from the target when only the pumping actuator moves (for an acrobot
 with a weak shoulder, the straight arm at every angle). On that curve it is a pendulum with one degree of freedom. The
 pumping actuator pushes in the direction of its motion, and at rest downhill, until the learned T + V is a little above
-the highest V on the curve; then every swing passes the target, where gravity is weak enough for the control law itself.
+the highest V on the curve, and always as hard as dry friction brakes, where the model is told of any. Then every swing
+passes the target, where gravity is weak enough for the control law itself.
 """
 
 from typing import NamedTuple
@@ -16,7 +17,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from keycld_control.law import nearest_action, turning_acceleration, unbounded_action
-from keycld_control.plant import Plant, beyond_friction, energy, project, responses
+from keycld_control.plant import Plant, Response, beyond_friction, energy, project, responses
 from keycld_control.skeleton import turned
 
 MARGIN = 0.95
@@ -126,6 +127,14 @@ def plan_pumping(plant: Plant, target: Array, low: Array, high: Array) -> Pump |
     return Pump(actuator, curve, float(potential.max()) + EXCESS * span, span, SLOW * rate, LEVEL * rate)
 
 
+def overcoming_friction(plant: Plant, response: Response, x: Array, v: Array) -> Array:
+    """The action `[m]` that undoes dry friction at a velocity `[n]`."""
+    rest = jnp.zeros_like(x)
+    if plant.added is None:
+        return jnp.zeros(response.inputs.shape[1], x.dtype)
+    return unbounded_action(response, rest - plant.added.against_friction(x, v)) - unbounded_action(response, rest)
+
+
 def first_pump_state() -> PumpState:
     """Nothing caught, pushing in the positive direction."""
     return PumpState(jnp.array(False), jnp.array(1.0))
@@ -179,5 +188,8 @@ def pumping_action(
     push = jnp.clip((pump.energy - energy(plant, x, v)) / (BAND * pump.span), -1.0, 1.0) * direction
     action = push * jnp.where(push > 0, high[pump.actuator], -low[pump.actuator])
     only = jnp.arange(len(low)) == pump.actuator
+    along = moving.inputs @ jnp.linalg.solve(moving.gram, only.astype(x.dtype))  # a motion whose rate is one
+    action = action + overcoming_friction(plant, moving, x, v + pump.slow * direction * along)[pump.actuator]
+    action = jnp.clip(action, low[pump.actuator], high[pump.actuator])
     low, high = jnp.where(only, action, low), jnp.where(only, action, high)
     return PumpState(caught, direction), nearest_action(moving, beyond_friction(plant, x, v, shape), low, high)
