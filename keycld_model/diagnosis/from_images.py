@@ -163,6 +163,8 @@ def _diagnosed(
         seen = [joined(own, read) for own, read in zip(every, seen, strict=True)]
         error = positions.error * lasting
         observation = EncodersAndCamera(model, error, criteria=criteria, by_look=positions.by_look)
+    else:
+        criteria = replace(criteria, spreads=replace(criteria.spreads, noise=criteria.spreads.noise_of_frames))
     parts = slice(training), slice(training, training + held_out), slice(training + held_out, None)
     now, test, before = (_mostly_seen(seen[part], positions.readable[part]) for part in parts)
     used = {r.id for r in (*now, *test, *before)}

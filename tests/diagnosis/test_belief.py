@@ -91,7 +91,9 @@ def test_nor_of_the_scale_of_all_masses_and_a_friction_that_explains_much():
     fit = minimise(problem, problem.start().with_effects(ViscousFriction("elbow", 0.5)), 20)
     slopes = problem.linearise(fit.point)[0].shared
     masses = [i for i, nuisance in enumerate(problem.nuisances) if nuisance.kind == "mass"]
-    friction = slopes[..., len(problem.nuisances)] * fit.effects[0].b  # to its logarithm
-    together = slopes[..., masses].sum(-1) + friction
-    one, all_of_them = (float(np.sum(column**2)) for column in (friction, together))
+    (friction,) = fit.effects
+    assert isinstance(friction, ViscousFriction)
+    braking = slopes[..., len(problem.nuisances)] * friction.b  # to its logarithm
+    together = slopes[..., masses].sum(-1) + braking
+    one, all_of_them = (float(np.sum(column**2)) for column in (braking, together))
     assert one > 1e6 > 0.01 > all_of_them * problem.spreads[masses[1]] ** 2

@@ -37,7 +37,7 @@ def arm() -> mujoco.MjModel:
 
 def filmed(**changes: object) -> Recording:
     """Grey frames, which nobody has to look at."""
-    t = np.arange(60) * 0.02
+    t = np.arange(60, dtype=np.float64) * 0.02
     recording = Recording(
         id="run",
         source="real",
@@ -76,7 +76,7 @@ def test_motors_that_no_recording_commands_are_named(arm: mujoco.MjModel) -> Non
 
 @pytest.mark.render
 def test_frames_of_another_camera_are_not_believed(arm: mujoco.MjModel) -> None:
-    t = np.arange(8) * 0.05
+    t = np.arange(8, dtype=np.float64) * 0.05
     moving = np.column_stack([np.sin(3 * t) + 1.2, np.cos(3 * t)])
     run = Recording(
         id="run", source="real", joint_names=("shoulder", "elbow"), units={"qpos": "rad"}, t_state=t, qpos=moving
