@@ -20,7 +20,6 @@ class LoadDependentFriction(JointEffect):
     """
 
     id: ClassVar[str] = "load_dependent_friction"
-    phrase: ClassVar[str] = "load-dependent friction"
     family: ClassVar[str] = "dissipation"
     equation: ClassVar[str] = "tau = -mu*|N|*sign(qd)"
     program: ClassVar[str | None] = "load"

@@ -16,7 +16,6 @@ class PositionDependentFriction(JointEffect):
     """A bent shaft: friction c at its mean, more on one side."""
 
     id: ClassVar[str] = "position_dependent_friction"
-    phrase: ClassVar[str] = "position-dependent friction"
     family: ClassVar[str] = "dissipation"
     equation: ClassVar[str] = "tau = -(c + a*sin(q) + b*cos(q))*sign(qd)"
     confusable: ClassVar[Confusable | None] = Confusable("dry friction", {"c": 1.0})

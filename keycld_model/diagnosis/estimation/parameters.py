@@ -27,15 +27,18 @@ class EffectParameter:
         return float(getattr(effects[self.effect], self.parameter.name))
 
     def beside(self, effects: Sequence[Effect]) -> tuple[float, float]:
-        """Two values for a finite difference: to both sides, or the value itself where a bound is near.
+        """Two values for a finite difference, to both sides, or the value itself where a bound is near.
 
-        They are near for rotors, which swing fast. One-sided differences would not do: where an effect explains much,
-        their error is larger than what is left, so that passive motion would seem to tell the scale of all masses.
+        One-sided differences would not do: where an effect explains much, their error is larger than what is left, so
+        that passive motion would seem to tell the scale of all masses. Rotors swing fast; to them steps are so short
+        that one side is enough.
         """
-        value = self.of(effects)
-        share = 0.001 if isinstance(effects[self.effect], TransmissionEffect) else 0.02
-        step = share * max(0.1 * self.parameter.scale, abs(value) * 0.5)
-        low, high = self.parameter.low, self.parameter.high
+        value, (low, high) = self.of(effects), (self.parameter.low, self.parameter.high)
+        size = max(0.1 * self.parameter.scale, abs(value) * 0.5)
+        if isinstance(effects[self.effect], TransmissionEffect):
+            step = 0.001 * size
+            return (value, value + step) if value + step <= high else (value - step, value)
+        step = 0.005 * size
         return value - step if value - step > low else value, value + step if value + step <= high else value
 
 

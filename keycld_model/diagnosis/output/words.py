@@ -205,10 +205,8 @@ def _few(findings: Sequence[Finding]) -> str:
     for finding in findings:
         estimates = list(finding.parameters.values())
         size = f" of {measured(estimates[0])}" if len(estimates) == 1 else ""
-        kind = finding.where["kind"]
-        verb = "have" if kind == "world" else "has"
-        what = in_sentence(finding.effect).replace(f"an {kind} ", "a ").replace(f"{kind} ", "")  # said by the place
-        parts.append(f"{place(finding)} {verb} {what}{size}")
+        verb = "have" if finding.where["kind"] == "world" else "has"
+        parts.append(f"{place(finding)} {verb} {in_sentence(finding.effect)}{size}")
     return ", and ".join(parts)
 
 
