@@ -18,8 +18,8 @@ class Spreads:
         view: of what a camera that looks askew adds to a position, rad or m.
         shutter: of the time that a shutter takes to roll across an image, s.
         noise: of the estimated variance of the sensors' noise, relative, three times over; it is known to some 5 %.
-        noise_of_frames: the same of positions that are read off frames: of 46 filmed cases in which nothing is missing,
-            .73 of it is left, with a deviation of .23.
+        noise_of_frames: the same of positions that are read off frames, twice over: of 46 filmed cases in which nothing
+            is missing, .72 of it is left, with a standard deviation of .23.
         roughness: of the logarithm of unknown forces from recording to recording of one rig.
         farthest: how many of these anything may be off; recordings of released mechanisms say nothing of mass and
             force but their ratio, and masses would run away.

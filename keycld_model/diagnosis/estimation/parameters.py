@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 from keycld_envs.effects import Effect, Parameter
 from keycld_envs.effects.transmission import TransmissionEffect
 
+STEP, ROTOR_STEP = 0.005, 0.001
+"""Steps of finite differences, in halves of a parameter's value, or tenths of its scale if that is more: above the
+tolerance of MuJoCo's solver, and short beside the kinks of dry friction (of .02 to .002, .005 led to the best fit)."""
+
 
 @dataclass(frozen=True)
 class EffectParameter:
@@ -26,20 +30,22 @@ class EffectParameter:
         """Its value."""
         return float(getattr(effects[self.effect], self.parameter.name))
 
-    def beside(self, effects: Sequence[Effect]) -> tuple[float, float]:
-        """Two values for a finite difference, to both sides, or the value itself where a bound is near.
+    def difference(self, effects: Sequence[Effect]) -> tuple[float, list[float]]:
+        """Width of a finite difference, and the values that it is of: one after, and one before, or the value itself.
 
         One-sided differences would not do: where an effect explains much, their error is larger than what is left, so
-        that passive motion would seem to tell the scale of all masses. Rotors swing fast; to them steps are so short
-        that one side is enough.
+        that passive motion would seem to tell the scale of all masses. To rotors, which swing fast, steps are so short
+        that one side is enough. Near a bound the step is to the other side.
         """
         value, (low, high) = self.of(effects), (self.parameter.low, self.parameter.high)
-        size = max(0.1 * self.parameter.scale, abs(value) * 0.5)
-        if isinstance(effects[self.effect], TransmissionEffect):
-            step = 0.001 * size
-            return (value, value + step) if value + step <= high else (value - step, value)
-        step = 0.005 * size
-        return value - step if value - step > low else value, value + step if value + step <= high else value
+        rotor = isinstance(effects[self.effect], TransmissionEffect)
+        step = (ROTOR_STEP if rotor else STEP) * max(0.1 * self.parameter.scale, abs(value) * 0.5)
+        after, before = value + step, value - step
+        if after > high:
+            return -step, [before]
+        if rotor or before <= low:
+            return step, [after]
+        return 2 * step, [after, before]
 
 
 def effect_parameters(effects: Sequence[Effect]) -> list[EffectParameter]:

@@ -176,11 +176,9 @@ class Problem:
         base, effects = point.variant, point.effects
         out = [(i, n.step, [_moved(base, i, n.step)]) for i, n in enumerate(self.simulator.nuisances)]
         for k, parameter in enumerate(effect_parameters(effects)):
-            before, after = parameter.beside(effects)
-            value = parameter.of(effects)
-            ends = [x for x in (after, before) if x != value]
-            beside = [replace(base, effects=with_parameter(effects, parameter, x)) for x in ends]
-            out.append((len(self.nuisances) + k, ends[0] - (ends[1] if len(ends) > 1 else value), beside))
+            width, values = parameter.difference(effects)
+            beside = [replace(base, effects=with_parameter(effects, parameter, x)) for x in values]
+            out.append((len(self.nuisances) + k, width, beside))
         return out
 
     def linearise_states(self, point: Point) -> tuple[Array, Array]:
