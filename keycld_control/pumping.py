@@ -58,6 +58,8 @@ class Pump(NamedTuple):
         span: range of the potential energy on the curve.
         slow: rate of the pumping actuator under which it is at rest, and starts downhill.
         level: acceleration of that rate by gravity, under which there is no slope, and it keeps its direction.
+        low: `[m]` lower bounds of the action, once commands have arrived.
+        high: `[m]` upper bounds.
     """
 
     actuator: int
@@ -66,6 +68,8 @@ class Pump(NamedTuple):
     span: float
     slow: float
     level: float
+    low: Array
+    high: Array
 
 
 def gravity_load(plant: Plant, target: Array, low: Array, high: Array, seed: int = 0) -> NDArray[np.float64]:
@@ -119,12 +123,15 @@ def plan_pumping(plant: Plant, target: Array, low: Array, high: Array) -> Pump |
     def trace(x: Array) -> tuple[Array, Array]:
         sides = [jax.lax.scan(follow, x, jnp.full(CURVE_POINTS, step))[1] for step in (-CURVE_STEP, CURVE_STEP)]
         curve = jnp.concatenate([sides[0][::-1], x[None], sides[1]])
-        return curve, jax.vmap(plant.potential_energy)(curve)
+        potential = jax.vmap(plant.potential_energy)(curve)
+        ends = ~jnp.isfinite(potential)  # beyond a pose in which motors do not act independently, for a poor model
+        return jnp.where(ends[:, None], x, curve), jnp.where(ends, plant.potential_energy(x), potential)
 
     curve, potential = trace(target)
     span = float(potential.max() - potential.min())
     rate = float(jnp.abs(plant.input_matrix(target)[:, actuator]).max())
-    return Pump(actuator, curve, float(potential.max()) + EXCESS * span, span, SLOW * rate, LEVEL * rate)
+    enough = float(potential.max()) + EXCESS * span
+    return Pump(actuator, curve, enough, span, SLOW * rate, LEVEL * rate, jnp.asarray(low), jnp.asarray(high))
 
 
 def overcoming_friction(plant: Plant, response: Response, x: Array, v: Array) -> Array:
@@ -163,7 +170,7 @@ def pumping_action(
         target: `[n]` positions on the manifold.
         kp: stiffness, 1/s^2.
         kd: damping, 1/s.
-        low: `[m]` lower bounds of the action.
+        low: `[m]` lower bounds of the action; as `high` where a late actuator does what it was told before.
         high: `[m]` upper bounds.
 
     Returns:
@@ -172,7 +179,7 @@ def pumping_action(
     moving, resting = responses(plant, x, v)
 
     def within(u: Array, share: float) -> Array:
-        return jnp.all((u <= share * high) & (u >= share * low))
+        return jnp.all((u <= share * pump.high) & (u >= share * pump.low))
 
     holding = unbounded_action(resting, jnp.zeros_like(x))
     wanted = turning_acceleration(plant, x, v, target, kp, kd)

@@ -96,3 +96,27 @@ def test_a_weak_pole_pumps_with_the_cart_in_place():
     pump, _ = plan("cartpole", 0.2)
     assert pump is not None and pump.actuator == 1
     np.testing.assert_allclose(pump.curve[:, :2], 0.0, atol=5e-3)
+
+
+def test_late_motors_do_not_keep_it_from_being_caught():
+    pump, _ = plan("acrobot", 3.0)
+    assert pump is not None
+    plant, target = Plant.of(make_oracle("acrobot")), jnp.asarray(point_masses("acrobot", (0.0, 0.0)), jnp.float32)
+    told_before = jnp.array([3.0, 0.4])  # the elbow does what it was told before, whatever is decided now
+    state = PumpState(jnp.array(False), jnp.array(1.0))
+    state, _ = pumping_action(
+        plant, pump, state, target, 0 * target, target, 40.0, 10.0, jnp.array([-3.0, 0.4]), told_before
+    )
+    assert state.caught
+
+
+def test_a_plan_ends_where_a_model_has_no_answer():
+    exact = make_oracle("pendulum")
+    target, bound = jnp.asarray(point_masses("pendulum", (0.0,)), jnp.float32), jnp.array([0.5])
+
+    def ends(x):
+        return jnp.where(x[1] > 0, exact.input_matrix_fn(x), 0.0)
+
+    pump = plan_pumping(replace(Plant.of(exact), input_matrix=ends), target, -bound, bound)
+    assert pump is not None
+    assert np.isfinite(pump.curve).all() and np.isfinite([pump.energy, pump.span]).all() and pump.span > 0
