@@ -60,7 +60,7 @@ class EnergyShapingAgent:
 
     An image is trusted if it shows the mechanism (see `keycld_control.plausibility`), agrees with the motion so far,
     and does not merely repeat the one before. Without trusted images the estimate runs on the model for 0.2 s; then
-    the action fades to zero within 0.1 s. When images return, the agent begins anew, and acts once three of them agree.
+    the action fades to zero within 0.1 s. When images return, the agent begins anew, and acts once four of them agree.
 
     The camera may be off by a few pixels, and light and noise may be others than in training: how they differ is told
     from the target image, from the first image of every episode, and anew when the agent begins anew (see

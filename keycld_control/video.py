@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw
 from keycld_control.closed_loop import Episode, Loop, LoopSettings, make_loop, run_episode
 from keycld_control.overlay import GROUND, INK, draw_keypoints, draw_rods, in_picture
 from keycld_envs.errors import InputError
-from keycld_envs.files import atomic_file
+from keycld_envs.files import atomic_file, check_place
 from keycld_envs.mechanism import Mechanism
 from keycld_envs.recordings.video import write_video
 
@@ -43,13 +43,14 @@ class Moment:
 
 
 def check_clip_path(path: Path) -> None:
-    """Refuse a file name that is no clip's.
+    """Refuse a file name that is no clip's, or where none can be.
 
     Raises:
-        InputError: if it ends neither in .mp4 nor in .gif.
+        InputError: if it ends neither in .mp4 nor in .gif, or cannot be written there.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"A clip must end in {' or '.join(SUFFIXES)}, got {path}.")
+    check_place(path)
 
 
 def film(settings: LoopSettings, path: Path, rest: float = math.inf) -> Episode:

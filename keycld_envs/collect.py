@@ -28,6 +28,8 @@ from keycld_envs.rendering import Quality, describe_camera
 from keycld_envs.workers import map_in_processes
 
 PAPER_ACTION_RANGE = 3.0
+MOST_ACTION = 1e300
+"""Control units; a number that can be doubled."""
 SETTINGS_FILE = "collect.json"
 Guard = Callable[[NDArray[np.float32], NDArray[np.uint8]], NDArray[np.float32]]
 """(action `[m]` that is about to be taken, last frame) -> action to take instead."""
@@ -72,7 +74,7 @@ class CollectSettings:
         check_size("height", self.height)
         check_number("velocity", self.velocity, 0.0, 1e6, inclusive=True)
         if self.action_range is not None:
-            check_number("action_range", self.action_range, 0.0, 1e300)
+            check_number("action_range", self.action_range, 0.0, MOST_ACTION)
 
 
 @dataclass(frozen=True)
@@ -235,6 +237,16 @@ def _action_units(model: mujoco.MjModel) -> tuple[str, ...]:
     return tuple(units)
 
 
+def action_range_of(folder: Path) -> float | None:
+    """The range of motors with which `collect` has recorded a folder, control units; None if nothing was said of it."""
+    try:
+        found = read_json(folder / SETTINGS_FILE)
+    except (OSError, ValueError):
+        return None
+    value = found.get("action_range") if isinstance(found, dict) else None
+    return float(value) if isinstance(value, int | float) and 0 < value <= MOST_ACTION else None
+
+
 def _prepare_folder(out: Path, settings: CollectSettings) -> None:
     """Create the folder with its settings, or check that its recordings were made with the same ones."""
     path = out / SETTINGS_FILE
@@ -244,8 +256,10 @@ def _prepare_folder(out: Path, settings: CollectSettings) -> None:
         return
     try:
         found = read_json(path)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{out} exists and was not made by `keycld collect`; choose another folder.") from error
+    except (OSError, ValueError):
+        found = None
+    if not isinstance(found, dict):
+        raise InputError(f"{out} exists and was not made by `keycld collect`; choose another folder.")
     for name, value in asdict(settings).items():
         if name not in found or found[name] != value:
             raise InputError(

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.checks import LARGEST_SIDE, check_number, check_whole, short
 from keycld_envs.errors import InputError
 from keycld_envs.rendering import Renderer, View
 
@@ -31,6 +32,9 @@ class Disturbance:
         offset: added to all three, grey levels, 0 to 255.
         noise: standard deviation of every pixel, anew in every image, grey levels.
         jpeg: quality of the compression, 1 to 100; None for none.
+
+    Raises:
+        InputError: if a number is none, or none that a camera can have.
     """
 
     right: float = 0.0
@@ -43,6 +47,16 @@ class Disturbance:
     offset: float = 0.0
     noise: float = 0.0
     jpeg: int | None = None
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in _RANGES.items():
+            check_number(name, getattr(self, name), low, high, inclusive=True)
+        if not isinstance(self.gain, Sequence) or len(self.gain) != 3:
+            raise InputError(f"gain is {short(self.gain)}; it must be three factors, of red, green and blue.")
+        for factor in self.gain:
+            check_number("gain", factor, 0.0, 1e3, inclusive=True)
+        if self.jpeg is not None:
+            check_whole("jpeg", self.jpeg, 1, 100)
 
     @classmethod
     def parse(cls: type[Given], words: Mapping[str, str]) -> Given:
@@ -99,6 +113,19 @@ def seen(
     if disturbance is None:
         return renderer.render(data, camera)
     return disturbance.develop(renderer.render(data, camera, disturbance.view), np.random.default_rng(moment))
+
+
+_RANGES = {
+    "right": (-LARGEST_SIDE, LARGEST_SIDE),
+    "up": (-LARGEST_SIDE, LARGEST_SIDE),
+    "zoom": (0.01, 100.0),
+    "aspect": (0.01, 100.0),
+    "roll": (-1e3, 1e3),
+    "blur": (0.0, 100.0),
+    "offset": (-255.0, 255.0),
+    "noise": (0.0, 255.0),
+}
+"""Least and greatest, in units of the attributes."""
 
 
 def _read(name: str, text: str, counts: Sequence[int], low: float, high: float) -> list[float]:

@@ -122,6 +122,12 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
             render_width=render_width,
             render_height=render_height,
         )
+        if not isinstance(system, str | System):
+            raise InputError(f"system is {short(system)}; it must be a System, or the short name of one.")
+        if not isinstance(effects, Sequence) or not all(isinstance(effect, Effect) for effect in effects):
+            raise InputError(f"effects is {short(effects)}; it must be a list of effects of keycld_envs.effects.")
+        if not isinstance(disturbance, Disturbance | None):
+            raise InputError(f"disturbance is {short(disturbance)}; it must be a Disturbance, or None.")
         self.system = get_system(system) if isinstance(system, str) else system
         self.obs_type: ObsType = obs_type
         self.width, self.height = check_size("width", width), check_size("height", height)

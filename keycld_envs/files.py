@@ -42,6 +42,18 @@ def atomic_file(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[A
     _sync(path.parent)
 
 
+def check_place(path: str | os.PathLike[str]) -> None:
+    """Refuse a place where a file cannot be, before long work for it.
+
+    Raises:
+        InputError: if what is above it is no folder, or may not be written to.
+    """
+    above = next(folder for folder in Path(path).absolute().parents if folder.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        what = "cannot be written to" if above.is_dir() else "is no folder"
+        raise InputError(f"{path} cannot be written: {above} {what}; name another place.")
+
+
 @contextmanager
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Fill a folder that appears under `path`, complete, when the block ends without an error.

@@ -40,6 +40,7 @@ READER_LEFT = 141
 WITHOUT_MUJOCO = ("completion", "doctor")
 """Commands that do without; `doctor` says what is wrong where it cannot be imported."""
 UNWRITABLE = (
+    errno.ENOENT,
     errno.EACCES,
     errno.EPERM,
     errno.EROFS,
@@ -174,10 +175,17 @@ def _run(words: list[str]) -> int:
     except OSError as error:
         if error.errno not in UNWRITABLE:
             raise
-        what = f"{error.filename or 'The disk'} cannot be written: {error.strerror}"
-        print(f"keycld: {what}; name another place, or make room there.", file=sys.stderr)
+        print(f"keycld: {_why_not_written(error)}", file=sys.stderr)
         return 2
     return code or 0
+
+
+def _why_not_written(error: OSError) -> str:
+    """What has gone wrong with a file, and the remedy."""
+    if error.errno == errno.ENOENT and error.filename is None:
+        return "The folder that this command was started in is not there any more; change to another."
+    what = f"{error.filename or 'The disk'} cannot be written: {error.strerror}"
+    return f"{what}; name another place, or make room there."
 
 
 def _reader_left() -> bool:

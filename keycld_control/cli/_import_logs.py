@@ -30,7 +30,7 @@ def import_logs(args: Args) -> dict[str, Any]:
     recordings = []
     with progress("Importing", total=len(folders)) as advance:
         for file, folder in zip(args.files, folders, strict=True):
-            recordings.append(_read(args, file, folder.name))
+            recordings.append(_read(args, file, folder.resolve().name))
             advance()
     if there := [folder for folder in folders if folder.is_dir() and any(folder.iterdir())]:
         raise InputError(f"{there[0]} exists and is not empty; choose another folder, or remove it.")

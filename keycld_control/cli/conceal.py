@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from tyro.conf import Positional, UseAppendAction
 
 from keycld_control.cli._output import print_result
+from keycld_control.cli._simulator import simulator_of
 from keycld_control.plain_json import write_json
 
 if TYPE_CHECKING:
@@ -57,10 +58,9 @@ def run(args: Args) -> None:
     from keycld_envs.files import one_writer
     from keycld_envs.progress import progress
     from keycld_envs.recordings import read_dataset, write_recording
-    from keycld_model.diagnosis import Source
 
     recordings = read_dataset(args.recordings).recordings
-    model = Source.of(args.mjcf, args.env or recordings[0].system).model
+    model = simulator_of(args.recordings, recordings, args.mjcf, args.env).model
     effect = effect_of(args.effect, args.at, args.set, model)
     if unknown := sorted(set(args.only) - {r.id for r in recordings}):
         raise InputError(

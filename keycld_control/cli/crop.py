@@ -24,7 +24,7 @@ class Args:
     Attributes:
         data: Folder of recordings.
         out: Folder to create.
-        size: Width and height of the new frames, pixels, a multiple of 8.
+        size: Width and height of the new frames, pixels; models take multiples of 8.
         box: Left, top, right and bottom of the square to keep, pixels; by default around what moves.
         json: Print one JSON object.
     """

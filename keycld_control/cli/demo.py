@@ -36,6 +36,7 @@ def run(args: Args) -> None:
     from keycld_control.video import film
     from keycld_envs.systems import REFERENCE_SYSTEMS
 
+    args.out.mkdir(parents=True, exist_ok=True)
     rows, clips = [], []
     for system in REFERENCE_SYSTEMS:
         for start in STARTS:

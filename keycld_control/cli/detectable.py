@@ -9,6 +9,7 @@ from tyro.conf import Positional
 
 from keycld_control.cli._compiled import keep_compiled
 from keycld_control.cli._output import print_result
+from keycld_control.cli._simulator import simulator_of
 
 if TYPE_CHECKING:
     from keycld_model.diagnosis.discrepancy.detectable import Detectable
@@ -37,15 +38,17 @@ def run(args: Args) -> None:
     """Compute, draw, and print a table."""
     keep_compiled()
     from keycld_envs.errors import InputError
+    from keycld_envs.files import check_place
     from keycld_envs.progress import progress
     from keycld_envs.recordings import read_dataset
-    from keycld_model.diagnosis import Source
     from keycld_model.diagnosis.discrepancy.detectable import detectable
 
     if args.out is not None and args.out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--out is {args.out}; the page must end in .html.")
+    if args.out is not None:
+        check_place(args.out)
     recordings = read_dataset(args.recordings).recordings
-    model = Source.of(args.mjcf, args.env or recordings[0].system).model
+    model = simulator_of(args.recordings, recordings, args.mjcf, args.env).model
     with progress("Looking", total=100) as advance:
         found = detectable(recordings, model, advance=advance)
     others = _others(found)

@@ -10,6 +10,7 @@ from tyro.conf import Positional
 
 from keycld_control.cli._compiled import keep_compiled
 from keycld_control.cli._output import print_result
+from keycld_control.cli._simulator import simulator_of
 from keycld_control.plain_json import write_json
 
 if TYPE_CHECKING:
@@ -138,19 +139,13 @@ def _diagnosed(
 def _simulator(args: Args, recordings: "Sequence[Recording]") -> "Source | JointModel | WorldModel":
     """What is compared with the recordings."""
     from keycld_envs.errors import InputError
-    from keycld_model.diagnosis import Source
 
     given = [name for name in ("env", "mjcf", "model") if getattr(args, name) is not None]
     if len(given) > 1:
         raise InputError(f"There are {len(given)} simulators, {' and '.join(f'--{g}' for g in given)}; name one.")
     if args.model is not None:
         return _learned(args.model)
-    if not given and len(systems := {r.system for r in recordings}) > 1:
-        raise InputError(
-            f"{args.recordings}, field system: the recordings name {len(systems)} simulators, "
-            f"{', '.join(sorted(map(str, systems)))}; say which to compare with, --env, --mjcf or --model."
-        )
-    return Source.of(args.mjcf, args.env or recordings[0].system)
+    return simulator_of(args.recordings, recordings, args.mjcf, args.env)
 
 
 def _learned(source: str) -> "JointModel | WorldModel":

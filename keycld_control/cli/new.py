@@ -31,7 +31,9 @@ class Args:
 def run(args: Args) -> None:
     """Write the file, unless there is one."""
     import re
+    import sys
     from importlib import resources
+    from importlib.metadata import packages_distributions
 
     from keycld_envs.errors import InputError
     from keycld_envs.files import atomic_file
@@ -39,6 +41,9 @@ def run(args: Args) -> None:
     path = Path(args.name).with_suffix(".py") if args.name.endswith(".py") else Path(f"{args.name}.py")
     if re.fullmatch(r"[A-Za-z0-9_-]+", path.stem) is None:
         raise InputError(f"{path.stem!r} cannot be a name; use letters, digits, '_' and '-' alone.")
+    taken = path.stem in sys.stdlib_module_names or path.stem in packages_distributions()
+    if taken and not path.exists():
+        raise InputError(f"{path} would stand in the way of Python's own {path.stem!r}; choose another name.")
     if path.exists():
         raise InputError(f"{path} exists; choose another name, or remove it.")
     if args.mjcf is None:

@@ -8,6 +8,7 @@ from typing import Literal
 from tyro.conf import Positional, UseAppendAction
 
 from keycld_control.cli._output import print_result
+from keycld_control.cli._simulator import simulator_of
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,6 @@ def run(args: Args) -> None:
     from keycld_envs.recordings import read_dataset, write_recording
     from keycld_envs.registration import system_of
     from keycld_envs.rerender import count_frames, rerender
-    from keycld_model.diagnosis import Source
 
     size = check_size("--width", args.width), check_size("--height", args.height)
     check_number("--fps", args.fps, above=0.0, most=10_000.0)
@@ -69,7 +69,7 @@ def run(args: Args) -> None:
     if args.out.exists():
         raise InputError(f"--out: {args.out} exists; choose another folder, or remove it.")
     recordings = read_dataset(args.recordings).recordings
-    source = Source.of(args.mjcf, args.env or recordings[0].system)
+    source = simulator_of(args.recordings, recordings, args.mjcf, args.env)
     named = args.camera
     if named is None and source.environment is not None:
         with suppress(InputError):  # another library's environment does not say

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.checks import check_number
 from keycld_envs.errors import InputError
 from keycld_envs.recordings.recording import Recording
 from keycld_envs.recordings.storage import read_recording
@@ -107,8 +108,9 @@ class Dataset:
             (training, validation).
 
         Raises:
-            InputError: if there are fewer than two recordings.
+            InputError: if there are fewer than two recordings, or the fraction is none.
         """
+        check_number("validation", validation, 0.0, 1.0)
         if len(self) < 2:
             raise InputError(f"{self.folder} holds one recording; a training and a validation part need two.")
         held_out = {i for i in range(len(self)) if int((i + 1) * validation + 1e-9) > int(i * validation + 1e-9)}
@@ -125,10 +127,10 @@ class Dataset:
         """Stack frames, actions and joint positions of all recordings on the clock of the frames.
 
         Raises:
-            InputError: if lengths, image sizes or frame rates differ, a frame rate is not steady within 5 %,
+            InputError: if systems, lengths, image sizes or frame rates differ, a frame rate is not steady within 5 %,
                 or a recording has no frames.
         """
-        first = self.recordings[0]
+        _, first = self.system, self.recordings[0]
         shape, timestep = first.load_frames().shape, _timestep(first)
         frames = np.empty((len(self), *shape), np.uint8)
         actions, positions = [], []

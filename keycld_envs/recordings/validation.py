@@ -41,6 +41,8 @@ def _meta(recording: Recording) -> Iterator[str]:
             yield f"{name} is {getattr(recording, name)!r}; it must be a string."
     if not recording.id:
         yield "id is empty; give the recording a name."
+    elif any(c in recording.id for c in "/\\\0") or recording.id.startswith("."):
+        yield f"id is {recording.id!r}; it names a folder: leave out slashes, and a dot in front."
     for name in ("system", "render_quality"):
         if not isinstance(getattr(recording, name), str | None):
             yield f"{name} is {getattr(recording, name)!r}; it must be a string or null."
@@ -104,6 +106,9 @@ def _tracked(recording: Recording) -> Iterator[str]:
             yield f"{key} has shape {list(array.shape)}; it must be {[frames, *rest]}, one row for each frame."
     if recording.qpos_std is not None and (recording.qpos is None or recording.qpos.shape != recording.qpos_std.shape):
         yield f"qpos_std has shape {list(recording.qpos_std.shape)}; it must have that of qpos."
+    if recording.qpos_std is not None and len(low := np.argwhere(recording.qpos_std < 0)):
+        index = ", ".join(map(str, low[0]))
+        yield f"qpos_std[{index}] is {recording.qpos_std[tuple(low[0])]:g}; a standard deviation is not negative."
 
 
 def _signal_on_clock(recording: Recording, clock: str, key: str, names: str) -> Iterator[str]:

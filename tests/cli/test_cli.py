@@ -262,3 +262,26 @@ def test_doctor_survives_a_driver_that_kills_the_process(monkeypatch: pytest.Mon
     report = examine()
     assert not report["ok"]
     assert report["opengl"]["error"] == "the renderer ended with code 1"
+
+
+@pytest.mark.parametrize(
+    "text", ["[1, 2]", "null", '"x"', '{"findings": [5]}', '{"findings": [{"effect": [], "where": 3}]}']
+)
+def test_corrections_of_another_shape(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "x.json").write_text(text)
+    assert main(["swingup", "pendulum", "--corrections", str(tmp_path / "x.json")]) == 2
+    assert "x.json" in capsys.readouterr().err
+
+
+def test_a_clip_that_cannot_be_written_is_told_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    clip = str(tmp_path / "file" / "x.mp4")
+    assert main(["swingup", "pendulum", "--episodes", "1000000", "--video", clip]) == 2
+    assert "is no folder" in capsys.readouterr().err
+
+
+def test_a_mechanism_does_not_stand_in_the_way_of_a_module(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new", "numpy"]) == 2
+    assert "'numpy'" in capsys.readouterr().err and not Path("numpy.py").exists()

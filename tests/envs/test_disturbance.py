@@ -25,6 +25,27 @@ def test_others_are_refused_by_name(word):
         Disturbance.parse({name: text})
 
 
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("noise", float("nan")),
+        ("zoom", float("nan")),
+        ("zoom", 0.0),
+        ("blur", -1.0),
+        ("noise", -1.0),
+        ("right", 1e9),
+        ("gain", 0.7),
+        ("gain", (1.0, 1.0)),
+        ("gain", (1.0, -1.0, 1.0)),
+        ("jpeg", 0),
+        ("jpeg", 80.5),
+    ],
+)
+def test_what_no_camera_does_is_refused(field, value):
+    with pytest.raises(InputError, match=field):
+        Disturbance(**{field: value})
+
+
 def test_light_and_noise_are_what_they_say():
     out = Disturbance(gain=(0.5, 1.0, 1.5), offset=10, noise=4).develop(IMAGE, np.random.default_rng(1))
     off = out - (IMAGE * [0.5, 1.0, 1.5] + 10)

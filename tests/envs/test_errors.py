@@ -28,6 +28,10 @@ from keycld_envs.opengl import no_opengl
         ({"action_limit": float("inf")}, "action_limit must be a positive finite number"),
         ({"render_mode": "ansi"}, "render_mode must be one of None, 'rgb_array'"),
         ({"system": "acrobat"}, "no system 'acrobat'; did you mean 'acrobot'"),
+        ({"system": 5}, "system is 5; it must be a System"),
+        ({"effects": 5}, "effects is 5; it must be a list of effects"),
+        ({"effects": ["friction"]}, "effects is ['friction']; it must be a list of effects"),
+        ({"disturbance": 3}, "disturbance is 3; it must be a Disturbance"),
     ],
 )
 def test_arguments(arguments: dict[str, Any], message: str) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from keycld_control.cli._simulator import simulator_of
 from keycld_envs.collect import CollectSettings, collect, make_env, record_episode
 from keycld_envs.errors import InputError
 from keycld_envs.policies import POLICIES, get_policy
@@ -233,3 +234,15 @@ def test_policies(name: str) -> None:
 def test_an_unknown_policy_suggests_one() -> None:
     with pytest.raises(InputError, match="did you mean 'piecewise'"):
         get_policy("piecwise")
+
+
+def test_a_simulator_has_the_range_that_motors_were_recorded_with(tmp_path: Path) -> None:
+    collect(tmp_path / "wide", CollectSettings("pendulum", steps=3, action_range=6.0), 1)
+    recordings = read_dataset(tmp_path / "wide").recordings
+    model = simulator_of(tmp_path / "wide", recordings, None, None).model
+    assert model.actuator_ctrlrange.tolist() == [[-6.0, 6.0]]
+    collect(tmp_path / "usual", CollectSettings("pendulum", steps=3), 1)
+    assert simulator_of(tmp_path / "usual", recordings, None, None).model.actuator_ctrlrange.tolist() == [[-3.0, 3.0]]
+    mixed = [*recordings, replace(recordings[0], id="other", system="KeyCLD/PendulumStock-v0")]
+    with pytest.raises(InputError, match="2 simulators"):
+        simulator_of(tmp_path / "wide", mixed, None, None)

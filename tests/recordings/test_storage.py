@@ -276,3 +276,12 @@ def test_reading_part_of_a_video_ends_its_decoder(tmp_path: Path, make_recording
         assert children.read_text() != before
         break
     assert children.read_text() == before
+
+
+@pytest.mark.parametrize("name", ["../../elsewhere", "a/b", "..", ".hidden", "a\\b", "a\0b"])
+def test_an_id_is_the_name_of_a_folder_and_leads_to_no_other(name: str) -> None:
+    signals = {"t_state": np.arange(3.0), "qpos": np.zeros((3, 1)), "units": {"qpos": "rad"}, "joint_names": ("hinge",)}
+    with pytest.raises(InputError, match="leave out slashes"):
+        Recording(id=name, source="real", **signals)
+    with pytest.raises(InputError, match=r"qpos_std\[1, 0\] is -1"):
+        Recording(id="run", source="real", qpos_std=np.array([[1.0], [-1.0], [1.0]]), **signals)

@@ -20,6 +20,8 @@ from keycld_model.diagnosis.estimation.point import Point, mixed
 from keycld_model.diagnosis.estimation.problem import Problem
 
 Array = NDArray[np.float64]
+SETTLING = 3
+"""Times that states are fitted with the same derivatives, after a step of shared parameters that is far from linear."""
 
 
 def minimise(
@@ -52,7 +54,7 @@ def minimise(
             linear = replace(linear, residual=problem.residual(point))
         normal = _Normal.of(problem, point, linear, only_states)
         hessian = normal.hessian
-        better, damping = _descend(problem, point, cost, normal, damping, attempts=5 if fresh else 1)
+        better, damping = _descend(problem, point, cost, normal, linear.states, damping, attempts=5 if fresh else 1)
         if better is None:
             if fresh:
                 break
@@ -126,11 +128,17 @@ class _Normal:
 
 
 def _descend(
-    problem: Problem, point: Point, cost: float, normal: _Normal, damping: float, attempts: int
+    problem: Problem, point: Point, cost: float, normal: _Normal, states: Array, damping: float, attempts: int
 ) -> tuple[tuple[Point, float] | None, float]:
-    """A better point and its cost, if one is found with more and more damping; and the damping."""
+    """A better point and its cost, if one is found with more and more damping; and the damping.
+
+    Where a step is none to first order, states are fitted to it once more with their old derivatives `states`.
+    """
     for _ in range(attempts):
-        new, new_cost = _with_best_states(problem, _after(problem, point, normal.weighted, normal.step(damping)))
+        tried = _after(problem, point, normal.weighted, normal.step(damping))
+        new, new_cost = _with_best_states(problem, tried)
+        if new_cost >= cost:
+            new, new_cost = _with_best_states(problem, [_settled(problem, tried[0], states), new])
         if new_cost < cost:
             return (new, new_cost), damping
         damping = max(damping, 1e-6) * 30
@@ -153,6 +161,18 @@ def _after(problem: Problem, point: Point, linear: Linearisation, step: Array) -
     right = np.stack([linear.residual + change, change], axis=-1)
     moves = np.stack([np.linalg.lstsq(a, b, rcond=1e-10)[0] for a, b in zip(linear.states, right, strict=True)])
     return [after.moved(move) for move in (moves[..., 0], moves[..., 1], np.zeros_like(moves[..., 0]))]
+
+
+def _settled(problem: Problem, point: Point, states: Array) -> Point:
+    """With states that make up for what they leave, by derivatives `[W, r, s]`.
+
+    An error of a camera that goes with the square of a position moves a cart far, whose place no force tells.
+    """
+    for _ in range(SETTLING):
+        left = problem.residual(point)[..., None]
+        moves = [np.linalg.lstsq(a, b, rcond=1e-10)[0][:, 0] for a, b in zip(states, left, strict=True)]
+        point = point.moved(np.stack(moves))
+    return point
 
 
 def _with_best_states(problem: Problem, points: Sequence[Point]) -> tuple[Point, float]:

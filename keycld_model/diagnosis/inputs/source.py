@@ -45,14 +45,18 @@ class Source:
         return source
 
     @classmethod
-    def of_environment(cls, name: str) -> "Source":
+    def of_environment(cls, name: str, action_limit: float | None = None) -> "Source":
         """A Gymnasium environment on MuJoCo: of KeyCLD, or any whose `model` is an MjModel.
+
+        Args:
+            name: its id, or the short name of a system.
+            action_limit: symmetric range of every motor of an environment of KeyCLD; None is its own.
 
         Raises:
             InputError: if there is none of that name, or it has no such model.
         """
         env_id = resolve_env_id(name)
-        env = make(env_id).unwrapped
+        env = make(env_id, **({} if action_limit is None else {"action_limit": action_limit})).unwrapped
         model = getattr(env, "model", None)
         if not isinstance(model, mujoco.MjModel):
             raise InputError(f"The environment {env_id} has no MuJoCo model; name another, or an MJCF file by --mjcf.")
@@ -62,8 +66,8 @@ class Source:
         return cls(model, None if path is None else Path(path), {}, env_id)
 
     @classmethod
-    def of(cls, mjcf: Path | None, environment: str | None) -> "Source":
-        """A file if there is one, else an environment.
+    def of(cls, mjcf: Path | None, environment: str | None, action_limit: float | None = None) -> "Source":
+        """A file if there is one, else an environment; see `of_environment`.
 
         Raises:
             InputError: if there is neither, or it cannot be used.
@@ -74,7 +78,7 @@ class Source:
             raise InputError(
                 "The recordings name no environment; say which simulator to compare with, --env or --mjcf."
             )
-        return cls.of_environment(environment)
+        return cls.of_environment(environment, action_limit)
 
     def spec(self) -> mujoco.MjSpec:
         """The MJCF, for editing; every body, joint and actuator has a name.
