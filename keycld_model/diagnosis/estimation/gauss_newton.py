@@ -132,12 +132,12 @@ def _descend(
 ) -> tuple[tuple[Point, float] | None, float]:
     """A better point and its cost, if one is found with more and more damping; and the damping.
 
-    Where a step is none to first order, states are fitted to it once more with their old derivatives `states`.
+    Where a camera sees positions, and a step is far from linear, states are fitted to it with old derivatives `states`.
     """
     for _ in range(attempts):
         tried = _after(problem, point, normal.weighted, normal.step(damping))
         new, new_cost = _with_best_states(problem, tried)
-        if new_cost >= cost:
+        if new_cost >= cost and _seen_askew(problem):
             new, new_cost = _with_best_states(problem, [_settled(problem, tried[0], states), new])
         if new_cost < cost:
             return (new, new_cost), damping
@@ -161,6 +161,11 @@ def _after(problem: Problem, point: Point, linear: Linearisation, step: Array) -
     right = np.stack([linear.residual + change, change], axis=-1)
     moves = np.stack([np.linalg.lstsq(a, b, rcond=1e-10)[0] for a, b in zip(linear.states, right, strict=True)])
     return [after.moved(move) for move in (moves[..., 0], moves[..., 1], np.zeros_like(moves[..., 0]))]
+
+
+def _seen_askew(problem: Problem) -> bool:
+    """Whether positions may be off by what they are, as those that a camera sees."""
+    return any(nuisance.kind != "zero" for nuisance in problem.windows.observation.nuisances)
 
 
 def _settled(problem: Problem, point: Point, states: Array) -> Point:
