@@ -117,6 +117,11 @@ def counted_sequences(model: WorldModel, dataset: Dataset, frames: int = 50) -> 
     if _own(model, dataset) and model.meta:
         dataset = dataset.split(model.meta["validation"])[1]
     stacked = dataset.sequences().cut(frames)
+    if (size := stacked.frames.shape[2:4]) != model.image_shape:
+        raise InputError(
+            f"{dataset.folder} has frames of {size[1]}×{size[0]} pixels, {model.name} sees {model.image_shape[1]}×"
+            f"{model.image_shape[0]}; record at that size, or cut larger ones with `keycld crop`."
+        )
     if (found := stacked.actions.shape[-1]) != (wanted := model.mechanism.num_actions):
         raise InputError(
             f"{dataset.folder} has {found} actions per frame, {model.name} needs {wanted}; "
