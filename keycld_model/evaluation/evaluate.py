@@ -119,8 +119,9 @@ def counted_sequences(model: WorldModel, dataset: Dataset, frames: int = 50) -> 
     stacked = dataset.sequences().cut(frames)
     if (size := stacked.frames.shape[2:4]) != model.image_shape:
         raise InputError(
-            f"{dataset.folder} has frames of {size[1]}×{size[0]} pixels, {model.name} sees {model.image_shape[1]}×"
-            f"{model.image_shape[0]}; record at that size, or cut larger ones with `keycld crop`."
+            f"{dataset.folder} has frames of shape [{size[0]}, {size[1]}, 3], {model.name} sees "
+            f"[{model.image_shape[0]}, {model.image_shape[1]}, 3]; record at that size, or cut larger ones with "
+            "`keycld crop`."
         )
     if (found := stacked.actions.shape[-1]) != (wanted := model.mechanism.num_actions):
         raise InputError(
