@@ -7,7 +7,7 @@ from scipy.special import ellipk
 
 from keycld_model.tracking.pendulum import study_pendulum
 from keycld_model.tracking.pendulum.motion import Motion
-from keycld_model.tracking.pendulum.study import half_swings
+from keycld_model.tracking.pendulum.study import half_swings, released
 from keycld_model.tracking.scatter import scatter
 from keycld_model.tracking.track import _unwrapped
 
@@ -38,6 +38,36 @@ def test_dissipation_is_named(term, size):
     value, low, high, _ = study.parameters[term]
     assert low < value < high and abs(value / size - 1) < 0.1
     assert abs(study.period[0] / 1.2 - 1) < 0.002
+
+
+def held_and_let_go(held: float, seconds: float = 10.0, start: float = 0.5, period: float = 1.9):
+    """A pendulum with viscous friction that is held aside for some seconds, 30 frames a second."""
+    times = np.arange(round(seconds * 30)) / 30
+    free = Motion(("viscous_friction",)).simulate(
+        np.array([[2 * np.log(2 * np.pi / period), 0.0, start, 0.0, 0.15]]), np.concatenate([[0.0], times])
+    )[0, 1:]
+    wait = round(30 * held)
+    angles = np.concatenate([np.full(wait, start), free])[: len(times)]
+    return times, angles + np.random.default_rng(3).normal(0, 3e-4, len(times))
+
+
+@pytest.mark.parametrize("held", [0.0, 0.4, 1.0, 2.5])
+@pytest.mark.parametrize("late", [0, 10, 20, 33, 50])
+def test_a_free_swing_begins_where_it_is_let_go(held, late):
+    times, angles = held_and_let_go(held)
+    begin = released(times[late:], angles[late:], 1.9) + late
+    assert late <= begin <= max(late, 30 * (held + 0.2))
+    if 30 * held > late + 30 * 0.3:  # it is held for .3 s and more of what is seen
+        assert begin >= 30 * held
+
+
+def test_a_pendulum_that_is_held_first_is_timed_after_that():
+    study = study_pendulum(*held_and_let_go(2.5), 0, nothing)
+    assert study is not None and study.named == ("viscous_friction",)
+    assert study.period[1] < 1.9 < study.period[2] and abs(study.period[0] / 1.9 - 1) < 1e-3
+    value, low, high, _ = study.parameters["viscous_friction"]
+    assert low < 0.15 < high and abs(value / 0.15 - 1) < 0.02
+    assert np.isnan(study.prediction[:75]).all() and np.isfinite(study.prediction[80:]).all()
 
 
 @pytest.mark.long

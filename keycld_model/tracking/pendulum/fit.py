@@ -9,6 +9,8 @@ from keycld_model.tracking.pendulum.motion import COMMON, Motion
 
 Array = NDArray[np.float64]
 ITERATIONS = 40
+FASTER = 2.0
+"""The logarithm of the squared frequency changes by no more from where a fit starts: a factor of 2.7 in the period."""
 SAMPLES = 700
 """Angles that are fitted; of more, means of neighbours are taken."""
 
@@ -32,15 +34,19 @@ class Fit:
     origin: float
 
     def angles(self, times: Array) -> Array:
-        """Angles at times after the origin, rad."""
-        path = self.motion.simulate(self.parameters[None], np.concatenate([[self.origin], times]))
-        return path[0, 1:]
+        """Angles at times, rad; NaN before the origin."""
+        return self._paths(self.parameters[None], times)[0]
 
     def draws(self, times: Array, number: int, rng: np.random.Generator) -> Array:
         """Angles of motions drawn from the uncertainty of the parameters, [number, T]."""
         draws = rng.multivariate_normal(self.parameters, self.covariance, number, method="eigh")
         draws[:, COMMON:] = np.maximum(draws[:, COMMON:], 0)
-        return self.motion.simulate(draws, np.concatenate([[self.origin], times]))[:, 1:]
+        return self._paths(draws, times)
+
+    def _paths(self, parameters: Array, times: Array) -> Array:
+        out, after = np.full((len(parameters), len(times)), np.nan), times >= self.origin
+        out[:, after] = self.motion.simulate(parameters, np.concatenate([[self.origin], times[after]]))[:, 1:]
+        return out
 
 
 def fit_motion(motion: Motion, times: Array, angles: Array, start: Array) -> Fit:
@@ -69,6 +75,9 @@ def fit_motion(motion: Motion, times: Array, angles: Array, start: Array) -> Fit
             step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -gradient)
             trial = p + step
             trial[COMMON:] = np.maximum(trial[COMMON:], 0)
+            if not np.isfinite(trial).all() or abs(trial[0] - start[0]) > FASTER:
+                damping *= 4
+                continue
             new = residual(trial[None])[0]
             if np.isfinite(new).all() and new @ new < error @ error:
                 moved = (error @ error - new @ new) > 1e-7 * (error @ error)

@@ -21,6 +21,8 @@ SPLITS = (0.5, 0.6, 0.7)
 CANDIDATES = tuple(terms for n in range(3) for terms in combinations(TERMS, n))
 FEWEST_SWINGS = 6
 """Half swings below which nothing is said about damping."""
+HELD = 0.1
+"""Share of a period; a pendulum that rests aside for so much longer than a turning point lasts is held."""
 DRAWS = 400
 PROBABILITY = 0.95
 """Of the F test by which a rival's held-out error excludes it."""
@@ -89,6 +91,10 @@ def study_pendulum(times: Array, angles: Array, seed: int, advance: Advance) -> 
     """
     clock, q = thinned(times, angles)
     swings = half_swings(clock, q)
+    if len(swings):
+        free = released(clock, q, float(np.median(swings[:, 2])))
+        clock, q = clock[free:], q[free:]
+        swings = half_swings(clock, q)
     if len(swings) < FEWEST_SWINGS or np.ptp(q) > 1.8 * math.pi:
         return None
     rng = np.random.default_rng(seed)
@@ -115,7 +121,7 @@ def study_pendulum(times: Array, angles: Array, seed: int, advance: Advance) -> 
     end = round(SPLITS[1] * len(clock))
     early = fit_motion(Motion(best.terms), clock[:end], q[:end], _start(clock, q, swings, best.terms))
     draws = early.draws(times, DRAWS, rng)
-    low, high = np.nanquantile(draws, (0.05, 0.95), axis=0)
+    low, high = np.quantile(draws, (0.05, 0.95), axis=0)
     parameters = _parameters(best.fit)
     return Study(
         _period(best.fit), swings, float(best.fit.parameters[1]), candidates, named, words, parameters,
@@ -170,6 +176,28 @@ def half_swings(times: Array, angles: Array) -> Array:
             if top > 0.02 * size:
                 rows.append([(first + last) / 2, top, 2 * (last - first)])
     return np.array(rows).reshape(-1, 3)
+
+
+def released(times: Array, angles: Array, period: float) -> int:
+    """Index of the first angle of a free swing: a pendulum may be held aside before, and is then let go.
+
+    A free one that crosses its middle was at most there a quarter of a period before, and nearer to it before that.
+
+    Args:
+        times: [T], s.
+        angles: [T], rad.
+        period: s, of the swing.
+    """
+    away = angles - _rest(angles)
+    crossed = np.flatnonzero(away * away[0] < 0)
+    if not len(crossed):
+        return 0
+    first = times[crossed[0]]
+    before = np.abs(away[times < first - (0.25 + HELD) * period])
+    turning = np.abs(away[: crossed[0]]).max()
+    if not len(before) or np.median(before) < math.cos(2 * math.pi * HELD) ** 0.5 * turning:
+        return 0
+    return int(np.searchsorted(times, first - 0.2 * period))
 
 
 def _rest(angles: Array) -> float:
