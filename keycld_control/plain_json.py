@@ -21,10 +21,13 @@ def plain(value: Any) -> Any:
 
 
 def readable(value: Any) -> str:
-    """A line of `value` for people: four digits, names with spaces, a dash for nothing."""
+    """A line of `value` for people: names with spaces, a dash for nothing, four digits, more to tell a list apart."""
     value = plain(value)
     if isinstance(value, float):
         return f"{value:.4g}"
+    if isinstance(value, list) and value and all(isinstance(item, float) for item in value):
+        digits = next((d for d in range(4, 9) if len({f"{x:.{d}g}" for x in value}) == len(set(value))), 9)
+        return ", ".join(f"{x:.{digits}g}" for x in value)
     if isinstance(value, list):
         return ", ".join(map(readable, value))
     if isinstance(value, dict):

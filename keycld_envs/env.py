@@ -124,7 +124,7 @@ class KeyCLDEnv(gym.Env[Any, Any], EzPickle):
         )
         if not isinstance(system, str | System):
             raise InputError(f"system is {short(system)}; it must be a System, or the short name of one.")
-        if not isinstance(effects, Sequence) or not all(isinstance(effect, Effect) for effect in effects):
+        if not isinstance(effects, Sequence):
             raise InputError(f"effects is {short(effects)}; it must be a list of effects of keycld_envs.effects.")
         if not isinstance(disturbance, Disturbance | None):
             raise InputError(f"disturbance is {short(disturbance)}; it must be a Disturbance, or None.")

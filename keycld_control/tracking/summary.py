@@ -55,7 +55,9 @@ def summary(track: Track, study: Study | None) -> dict[str, Any]:
         result["dissipation"] = "It is determined for one rod only, not for chains."
         return result
     if study is None:
-        result["dissipation"] = "It cannot be determined: the motion is no free swing of at least three periods."
+        result["dissipation"] = (
+            "It cannot be determined: the motion is no free swing of at least three and a half periods."
+        )
         return result
     return result | _of_study(track, study)
 

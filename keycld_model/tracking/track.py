@@ -25,6 +25,8 @@ FLATTEST = 0.6
 """Ratio of axes below which an ellipse is not believed."""
 LENGTHENED = 0.03
 """Share of its length by which a rod may differ from it in a frame: one that leaves the plane of motion by 14° does."""
+FARTHEST = 20.0
+"""Longer sides of the picture; about a pivot farther away, what is seen turns by less than .05 rad: it slides."""
 MARKS_APART = 4.0
 """Pixels between the ends of a rod that are marked in a frame, at least."""
 
@@ -188,6 +190,11 @@ def track(
     missing = ~np.stack([part.seen for part in parts], axis=1) | copies[:, None]
     places = np.where(missing[..., None], np.nan, places)
     found = _Found(parts, circles, circles[0], None, 0, copies)
+    if not circles[0].radius < FARTHEST * max(film.size):
+        raise InputError(
+            f"What moves in {film.path} goes straight, and turns about no pivot that could be told; chains of rods can be "
+            "followed, slides cannot."
+        )
     if len(parts) == 1:  # the links of a chain are thick, and lines along their edges do not meet at the pivot
         rods = find_rods(film, camera, area, places[:, 0], circles[0].centre, parts[0].thickness)
         pivot, tilt = _tilted(places[:, 0], circles[0], meeting_point(places[:, 0], rods))

@@ -30,7 +30,6 @@ from keycld_envs.opengl import no_opengl
         ({"system": "acrobat"}, "no system 'acrobat'; did you mean 'acrobot'"),
         ({"system": 5}, "system is 5; it must be a System"),
         ({"effects": 5}, "effects is 5; it must be a list of effects"),
-        ({"effects": ["friction"]}, "effects is ['friction']; it must be a list of effects"),
         ({"disturbance": 3}, "disturbance is 3; it must be a Disturbance"),
     ],
 )
