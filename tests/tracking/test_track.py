@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import draw_chain, draw_pendulum, nothing, swing
+from scenes import CAMERA, draw_chain, draw_pendulum, nothing, swing
+from scipy.ndimage import gaussian_filter
 
 from keycld_control.cli import main
 from keycld_envs import Mechanism, Rod
 from keycld_envs.recordings import read_recording
+from keycld_envs.recordings.video import write_video
 from keycld_model.tracking import read, track
 
 PENDULUM = Mechanism(num_keypoints=1, num_actions=0, rods=(Rod(None, 0),))
@@ -111,6 +113,19 @@ def test_a_truncated_video_is_refused(tmp_path, capsys):
         ["track", str(tmp_path / "cut.mp4"), "--mechanism", "examples/apple_pendulum.py", "--out", str(tmp_path / "o")]
     )
     assert code == 2 and "cut.mp4" in capsys.readouterr().err
+
+
+def test_what_slides_turns_about_no_pivot(tmp_path, capsys):
+    rng, times = np.random.default_rng(0), np.arange(90) / 30
+    wall = 150 + 20 * gaussian_filter(rng.normal(size=(90, 160, 1)), (2, 2, 0)) / 0.14
+    rows, columns = np.mgrid[:90, :160]
+    frames = []
+    for x in 80 + 45 * np.cos(4 * times):
+        disc = np.clip(9.5 - np.hypot(rows - 45, columns - x), 0, 1)[..., None]
+        frames.append(np.clip(wall * (1 - disc) + disc * [190, 40, 40] + rng.normal(0, 2, wall.shape), 0, 255))
+    write_video(tmp_path / "cart.mp4", [frame.astype(np.uint8) for frame in frames], (160, 90), 30.0, **CAMERA)
+    assert run(tmp_path / "cart.mp4", EXAMPLE) == 2
+    assert "cart.mp4 goes straight" in capsys.readouterr().err
 
 
 def test_a_still_video_is_refused(tmp_path, capsys):
