@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 def simulator_of(
     folder: Path, recordings: "Sequence[Recording]", mjcf: Path | None, environment: str | None
 ) -> "Source":
-    """The one that is named, or else that of the recordings, with the range that `keycld collect` gave its motors.
+    """The one that is named, or else that of the recordings; an environment with the range that motors were recorded with.
 
     Raises:
         InputError: if recordings name several and none is given, or it cannot be used.
@@ -21,12 +21,10 @@ def simulator_of(
     from keycld_envs.errors import InputError
     from keycld_model.diagnosis import Source
 
-    if mjcf is not None:
-        return Source.of_file(mjcf)
     systems = {recording.system for recording in recordings}
-    if environment is None and len(systems) > 1:
+    if mjcf is None and environment is None and len(systems) > 1:
         raise InputError(
             f"{folder}, field system: the recordings name {len(systems)} simulators, "
             f"{', '.join(sorted(map(str, systems)))}; say which to take, by --env or --mjcf."
         )
-    return Source.of(None, environment or recordings[0].system, action_range_of(folder))
+    return Source.of(mjcf, environment or recordings[0].system, action_range_of(folder))

@@ -41,11 +41,10 @@ def run(args: Args) -> None:
     path = Path(args.name).with_suffix(".py") if args.name.endswith(".py") else Path(f"{args.name}.py")
     if re.fullmatch(r"[A-Za-z0-9_-]+", path.stem) is None:
         raise InputError(f"{path.stem!r} cannot be a name; use letters, digits, '_' and '-' alone.")
-    taken = path.stem in sys.stdlib_module_names or path.stem in packages_distributions()
-    if taken and not path.exists():
-        raise InputError(f"{path} would stand in the way of Python's own {path.stem!r}; choose another name.")
     if path.exists():
         raise InputError(f"{path} exists; choose another name, or remove it.")
+    if path.stem in sys.stdlib_module_names or path.stem in packages_distributions():
+        raise InputError(f"{path} would stand in the way of Python's own {path.stem!r}; choose another name.")
     if args.mjcf is None:
         starters = resources.files("keycld_control.starters")
         text = (starters / f"{args.template}.py").read_text(encoding="utf-8")

@@ -130,7 +130,8 @@ class Dataset:
             InputError: if systems, lengths, image sizes or frame rates differ, a frame rate is not steady within 5 %,
                 or a recording has no frames.
         """
-        _, first = self.system, self.recordings[0]
+        _ = self.system  # one, or an error
+        first = self.recordings[0]
         shape, timestep = first.load_frames().shape, _timestep(first)
         frames = np.empty((len(self), *shape), np.uint8)
         actions, positions = [], []

@@ -190,7 +190,7 @@ def track(
     missing = ~np.stack([part.seen for part in parts], axis=1) | copies[:, None]
     places = np.where(missing[..., None], np.nan, places)
     found = _Found(parts, circles, circles[0], None, 0, copies)
-    if not circles[0].radius < FARTHEST * max(film.size):
+    if not circles[0].radius < FARTHEST * max(film.pixels.shape[1:3]):
         raise InputError(
             f"What moves in {film.path} goes straight, and turns about no pivot that could be told; chains of rods can "
             "be followed, slides cannot."

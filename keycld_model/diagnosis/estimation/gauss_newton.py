@@ -159,7 +159,7 @@ def _after(problem: Problem, point: Point, linear: Linearisation, step: Array) -
     after = replace(point, variant=replace(variant, values=values, effects=effects, recording_offsets=offsets))
     change = -linear.shared @ step
     right = np.stack([linear.residual + change, change], axis=-1)
-    moves = np.stack([np.linalg.lstsq(a, b, rcond=1e-10)[0] for a, b in zip(linear.states, right, strict=True)])
+    moves = _state_moves(linear.states, right)
     return [after.moved(move) for move in (moves[..., 0], moves[..., 1], np.zeros_like(moves[..., 0]))]
 
 
@@ -174,10 +174,13 @@ def _settled(problem: Problem, point: Point, states: Array) -> Point:
     An error of a camera that goes with the square of a position moves a cart far, whose place no force tells.
     """
     for _ in range(SETTLING):
-        left = problem.residual(point)[..., None]
-        moves = [np.linalg.lstsq(a, b, rcond=1e-10)[0][:, 0] for a, b in zip(states, left, strict=True)]
-        point = point.moved(np.stack(moves))
+        point = point.moved(_state_moves(states, problem.residual(point)[..., None])[..., 0])
     return point
+
+
+def _state_moves(states: Array, left: Array) -> Array:
+    """Of each window, moves `[W, s, k]` of states with derivatives `[W, r, s]` that make up for `[W, r, k]`."""
+    return np.stack([np.linalg.lstsq(a, b, rcond=1e-10)[0] for a, b in zip(states, left, strict=True)])
 
 
 def _with_best_states(problem: Problem, points: Sequence[Point]) -> tuple[Point, float]:

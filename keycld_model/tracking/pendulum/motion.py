@@ -29,6 +29,7 @@ class Motion:
         """Number of parameters."""
         return COMMON + len(self.terms)
 
+    @np.errstate(over="ignore", invalid="ignore")  # of motions that nobody fits in the end
     def simulate(self, parameters: Array, times: Array) -> Array:
         """Angles at given times, by Runge-Kutta steps of fourth order.
 
@@ -50,20 +51,19 @@ class Motion:
         path[:, 0] = angle
         q, v = angle, speed
         longest = 0.15 / float(np.sqrt(stiffness.max()))
-        with np.errstate(over="ignore", invalid="ignore"):  # of motions that nobody fits in the end
-            for i in range(1, len(times)):
-                gap = times[i] - times[i - 1]
-                steps = max(1, int(np.ceil(gap / longest)))
-                h = gap / steps
-                for _ in range(steps):
-                    a1 = push(q, v)
-                    v2 = v + h / 2 * a1
-                    a2 = push(q + h / 2 * v, v2)
-                    v3 = v + h / 2 * a2
-                    a3 = push(q + h / 2 * v2, v3)
-                    v4 = v + h * a3
-                    a4 = push(q + h * v3, v4)
-                    q = q + h / 6 * (v + 2 * v2 + 2 * v3 + v4)
-                    v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-                path[:, i] = q
+        for i in range(1, len(times)):
+            gap = times[i] - times[i - 1]
+            steps = max(1, int(np.ceil(gap / longest)))
+            h = gap / steps
+            for _ in range(steps):
+                a1 = push(q, v)
+                v2 = v + h / 2 * a1
+                a2 = push(q + h / 2 * v, v2)
+                v3 = v + h / 2 * a2
+                a3 = push(q + h / 2 * v2, v3)
+                v4 = v + h * a3
+                a4 = push(q + h * v3, v4)
+                q = q + h / 6 * (v + 2 * v2 + 2 * v3 + v4)
+                v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+            path[:, i] = q
         return path

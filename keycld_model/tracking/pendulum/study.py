@@ -60,7 +60,7 @@ class Study:
         words: the verdict as one sentence.
         parameters: of the best candidate: value, low, high and unit.
         split: s, from when on the drawn prediction was not fitted.
-        prediction: [T] rad, by the best candidate from the first `SPLITS[1]` of the video.
+        prediction: [T] rad, by the best candidate from the first `SPLITS[1]` of the free swing, NaN before that.
         low, high: [T] rad, its 90 % interval.
     """
 
@@ -120,12 +120,12 @@ def study_pendulum(times: Array, angles: Array, seed: int, advance: Advance) -> 
     best = next((c for c in candidates if named is not None and set(c.terms) == set(named)), candidates[0])
     end = round(SPLITS[1] * len(clock))
     early = fit_motion(Motion(best.terms), clock[:end], q[:end], _start(clock, q, swings, best.terms))
-    draws = early.draws(times, DRAWS, rng)
-    low, high = np.quantile(draws, (0.05, 0.95), axis=0)
+    band, after = np.full((2, len(times)), np.nan), times >= early.origin
+    band[:, after] = np.nanquantile(early.draws(times[after], DRAWS, rng), (0.05, 0.95), axis=0)
     parameters = _parameters(best.fit)
     return Study(
         _period(best.fit), swings, float(best.fit.parameters[1]), candidates, named, words, parameters,
-        float(clock[end]), early.angles(times), low, high,
+        float(clock[end]), early.angles(times), *band,
     )  # fmt: skip
 
 
