@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 def simulator_of(
     folder: Path, recordings: "Sequence[Recording]", mjcf: Path | None, environment: str | None
 ) -> "Source":
-    """The one that is named, or else that of the recordings; an environment with the range that motors were recorded with.
+    """The one that is named, or that of the recordings, an environment with the range that motors were recorded with.
 
     Raises:
         InputError: if recordings name several and none is given, or it cannot be used.
