@@ -28,7 +28,7 @@ from keycld_model.diagnosis.inputs.ranges import Paths, beyond, notable
 from keycld_model.diagnosis.inputs.windows import cut
 from keycld_model.diagnosis.output.words import headline
 from keycld_model.diagnosis.search.budget import Budget
-from keycld_model.diagnosis.search.criterion import Scored
+from keycld_model.diagnosis.search.criterion import Scored, share_left
 from keycld_model.diagnosis.search.explain import Explanation, explain_either, refit, refit_accurately
 from keycld_model.diagnosis.simulation.contacts import without_contacts
 from keycld_model.diagnosis.simulation.places import not_asked
@@ -275,6 +275,10 @@ def _explained(
     simulator = Simulator(model, accurate_step(training), criteria=criteria)
     windows = cut(training, observation, simulator.step, criteria.sizes.window)
     accurate = refit_accurately(simulator, windows)
+    quieter = observation.as_left(share_left(accurate))
+    if quieter is not observation:
+        windows = cut(training, quieter, simulator.step, criteria.sizes.window)
+        accurate = refit_accurately(simulator, windows)
     learned = learned_dynamics(model) is not None  # which has no integrator of its own
     own = accurate if learned else refit(Simulator(model, criteria=criteria), windows)
     advance(10, "searching")

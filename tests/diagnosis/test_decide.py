@@ -12,12 +12,17 @@ from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.estimation.fit import Fit
+from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.output.words import headline
+from keycld_model.diagnosis.search.criterion import Scored
+from keycld_model.diagnosis.search.explain import Explanation
+from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.simulation.simulator import Simulator
-from keycld_model.diagnosis.verdict.decide import Conclusion, doubted
+from keycld_model.diagnosis.verdict.decide import Conclusion, decide_on_named, doubted
 from keycld_model.diagnosis.verdict.dropped import Dropped
 from keycld_model.diagnosis.verdict.findings import far_off, may_be_absent
+from keycld_model.diagnosis.verdict.held_out import HeldOut
 from keycld_model.diagnosis.verdict.other_way_round import other_way_round
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Unexplained
 
@@ -36,6 +41,25 @@ def test_what_a_user_can_repair_and_bugs_are_not_left_out():
     for error in (InputError("record for longer."), AttributeError("q"), ValueError("shapes (2,) and (3,)")):
         with pytest.raises(type(error)):
             Dropped().tried("step", lambda error=error: fail(error))
+
+
+@pytest.mark.parametrize("friction, expected", [(0.008, "mismatch"), (0.0, "no_mismatch")])
+def test_what_held_out_recordings_deny_as_strongly_as_others_ask_for_it_is_not_said(friction, expected):
+    """Three recordings ask for friction, and others tell whether it was a coincidence."""
+    model = get_system("pendulum").compile()
+    runs, others = (
+        recordings("pendulum", seed, lambda t, q, v, u, b=b: -b * v, number=number, seconds=1.0)
+        for seed, number, b in ((0, 3, 0.008), (0, 15, friction))
+    )
+    problem = problem_of(Simulator(model, 0.01), runs)
+    refitted = minimise(problem, problem.start())
+    best = Scored.of(minimise(problem, refitted.point.with_effects(ViscousFriction("hinge", b=0.008))))
+    explained = Explanation(Search(problem), refitted, best, None)
+    found = [Finding.of(ViscousFriction("hinge", b=0.008), {}, 0.9)]
+    tested = HeldOut.of(others, refitted)
+    assert explained.gain > STANDARD.certain
+    concluded = decide_on_named(explained, found, tested.short(refitted), tested)
+    assert (concluded.verdict, bool(concluded.findings)) == (expected, expected == "mismatch")
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants import recordings
+from plants import NOISE, recordings
 
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
+from keycld_model.diagnosis.inputs.observation import JointPositions
+from keycld_model.diagnosis.inputs.observation.encoders_and_camera import EncodersAndCamera
 
 
 def filmed(runs, squash: float, skew: float, shutter: float):
@@ -31,3 +33,29 @@ def test_errors_of_a_camera_are_no_missing_physics():
     assert [e.value for e in errors.values()] == pytest.approx([0.03, -0.02, 0.008], abs=0.003)
     assert [e.unit for e in errors.values()] == ["rad", "rad", "s"]
     assert diagnose(runs, model).verdict != "no_mismatch"
+
+
+def test_noise_of_a_camera_is_a_bound_and_that_of_encoders_is_not():
+    model = get_system("acrobot").compile()
+    said, share = np.array([0.004, 0.002]), np.array([0.25, 1.5])
+    seen = JointPositions(model, said, tracked=True, typical=said)
+    assert seen.as_left(share).noise == pytest.approx([0.002, 0.002])
+    assert seen.as_left(np.array([1.0, 1.5])) is seen
+    encoders = JointPositions(model, said)
+    assert encoders.as_left(share) is encoders
+    both = EncodersAndCamera(model, said, np.array([0.001, 0.001, 0.004, 0.002]))
+    assert both.as_left(np.concatenate([share, share])).noise == pytest.approx([0.001, 0.001, 0.002, 0.002])
+    assert both.as_left(np.array([0.1, 0.1, 1.0, 1.0])) is both
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("friction, found", [(0.01, ["viscous_friction"]), (0.0, [])])
+def test_noise_that_is_said_too_large_hides_nothing(friction, found):
+    """Frames drawn again have four times the noise that positions have: what the simulator leaves tells."""
+    runs = recordings("pendulum", 5, lambda t, q, v, u: -friction * v, number=6, seconds=2.0)
+    model, said = get_system("pendulum").compile(), np.array([4 * NOISE])
+    report = diagnose(runs, model, observation=JointPositions(model, tracked=True, floor=said, typical=said))
+    assert [finding.effect for finding in report.findings] == found
+    assert report.details["noise"] == pytest.approx([NOISE], rel=0.2)
+    plain = diagnose(runs, model, observation=JointPositions(model, tracked=True, floor=said))
+    assert plain.verdict == "no_mismatch" and plain.details["noise"] == pytest.approx(said)

@@ -71,6 +71,13 @@ def dispersion(fit: Fit) -> float:
     return max(1.0, left) * float(together)
 
 
+def share_left(fit: Fit) -> NDArray[np.float64]:
+    """Share of the noise's variance that a fit leaves, `[m]`, times the samples that it is correlated over."""
+    residual, n = fit.residual, fit.problem.windows.samples
+    together = samples_together(lambda lag: np.mean(residual[:, lag:] * residual[:, : n - lag], axis=(0, 1)), n // 2)
+    return mean_square(fit) * together
+
+
 def above_noise(fit: Fit) -> NDArray[np.float64]:
     """By how much the mean square of whitened residuals is more than noise, `[m]`; negative where it is not."""
     left, criteria = mean_square(fit), fit.problem.criteria

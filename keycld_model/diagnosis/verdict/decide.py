@@ -47,7 +47,7 @@ def decide_on_named(explained: Explanation, found: list[Finding], before: Fit, h
     """
     after, criteria = held_out.short(explained.best.fit), before.problem.criteria
     nats = (predicted(after) - predicted(before)) / explained.search.dispersion
-    if not found or explained.gain <= criteria.doubtful:
+    if not found or explained.gain <= criteria.doubtful or explained.gain + nats <= criteria.doubtful:
         return Conclusion("no_mismatch", explained.refitted, before, [], nats)
     sure = explained.gain > criteria.certain and nats > 0
     return Conclusion("mismatch" if sure else "undetermined", explained.best.fit, after, found, nats)

@@ -69,6 +69,14 @@ class EncodersAndCamera:
         noise[self._joints :] = np.maximum(noise[self._joints :], self._error)
         return EncodersAndCamera(self._model, self._error, noise, self._criteria, self._by_look)
 
+    def as_left(self, share: Array) -> "EncodersAndCamera":
+        """With less noise of the camera, if a fit leaves less than is said of it."""
+        share = np.where(np.arange(len(share)) < self._joints, 1.0, share)
+        if share.min() >= 1:
+            return self
+        noise = self.noise * np.sqrt(share.clip(max=1))
+        return EncodersAndCamera(self._model, self._error, noise, self._criteria, self._by_look)
+
     def check(self, recording: Recording) -> None:
         """Both halves, as if each were a recording of its own."""
         halves = (self._encoders, slice(self._joints)), (self._camera, slice(self._joints, None))

@@ -93,6 +93,16 @@ class JointPositions:
         measured = [self.measured(recording) for recording in recordings]
         noise = estimate_noise(times, measured, [self.weights(recording) for recording in recordings])
         noise = noise if self._floor is None else np.maximum(noise, self._floor)
+        return self._with(noise)
+
+    def as_left(self, share: Array) -> "JointPositions":
+        """With less noise, if a fit leaves less than positions are said to have that were read off frames."""
+        if self._typical is None or share.min() >= 1:
+            return self
+        return self._with(self.noise * np.sqrt(share.clip(max=1)))
+
+    def _with(self, noise: Array) -> "JointPositions":
+        """The same with another noise."""
         return JointPositions(
             self._model, noise, self._tracked, self._criteria, self._floor, self._typical, self._by_look
         )

@@ -46,6 +46,14 @@ class Observation(Protocol):
         """
         ...
 
+    def as_left(self, share: Array) -> Self:
+        """The same with less noise, where what is said of it is but a bound: a camera's, not an encoder's.
+
+        Args:
+            share: `[m]` of the noise's variance that a fit leaves.
+        """
+        ...
+
     def check(self, recording: Recording) -> None:
         """Raise InputError, with the field and the remedy, if a recording does not hold what is observed."""
         ...
