@@ -26,7 +26,7 @@ from keycld_envs.errors import InputError
 from keycld_model.camera import Camera, Restoration, restore, restored
 
 DEFAULT_KP, DEFAULT_KD = 40.0, 10.0
-ROBUST = 0.2
+ROBUST = 0.4
 """Damping times the time until commands arrive, on average over the motors, at most; the gains of agents with late
 motors are lowered to it. Motors that are not late make up for others, as far as they can."""
 GRACE, FADING = 0.2, 0.1

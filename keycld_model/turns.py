@@ -39,5 +39,5 @@ def on_turns_of(there: Array, q: Array, turns: NDArray[np.bool_]) -> Array:
 
 
 def nearest_turn(q: Array, there: Array, turns: NDArray[np.bool_]) -> Array:
-    """Positions `[nq]`, moved by whole turns to where they are nearest to others `[nq]`."""
+    """Positions `[..., nq]`, moved by whole turns to where they are nearest to others `[..., nq]`."""
     return np.where(turns, q - TURN * np.round((q - there) / TURN), q)

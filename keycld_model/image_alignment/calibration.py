@@ -9,10 +9,11 @@ from scipy.optimize import nnls
 
 from keycld_model.autocorrelation import samples_together
 from keycld_model.image_alignment.bank import Bank
-from keycld_model.image_alignment.follow import follow
+from keycld_model.image_alignment.follow import follow, turning
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.pose import Pose
 from keycld_model.image_alignment.scene import STEP, Scene
+from keycld_model.turns import nearest_turn
 
 Array = NDArray[np.float64]
 EXACT = 0.2
@@ -31,7 +32,7 @@ class ReadAgain(NamedTuple):
     """What reading frames again that were drawn at known positions gave.
 
     Attributes:
-        error: `[T, nq]` rad or m.
+        error: `[T, nq]` rad or m, but for whole turns, which nobody counts while a link is out of view.
         unexplained: `[T]` share of what moves that the drawing at the position that was read does not explain. Frames
             that are read again have what two frames leave, so that these are scaled to what one leaves on average.
         fit_variance: `[T, nq]` variance by the curvature of the fit, (rad or m)^2, scaled likewise.
@@ -83,8 +84,8 @@ def reading_error(
     others = [_nearest(q, first + k, own) for k, own in enumerate(steps)]
     shown = drawn[part] + frames[others] - drawn[others]
     again = follow(scene, look, light, times[known][part], np.clip(np.round(shown), 0, 255).astype(np.uint8), bank)
-    error = np.array([pose.q for pose in again]) - q[part]
-    error -= np.median(error, axis=0)  # whole turns among them
+    error = nearest_turn(np.array([pose.q for pose in again]), q[part], turning(scene.model)) - q[part]
+    error -= np.median(error, axis=0)
     pixels = STEP * np.abs(error / steps).max(axis=1)
     good, kept = [pose.readable for pose in again], [pose for pose in again if pose.readable]
     if not kept:

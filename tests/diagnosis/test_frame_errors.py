@@ -4,12 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from films import film
 from plants import recordings
 
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.inputs.windows import cut
-from keycld_model.image_alignment.calibration import EXACT, MOST_ASTRAY, ErrorModel, ReadAgain, read_astray
+from keycld_model.image_alignment.bank import Bank
+from keycld_model.image_alignment.calibration import (
+    EXACT,
+    MOST_ASTRAY,
+    ErrorModel,
+    ReadAgain,
+    read_astray,
+    reading_error,
+)
+from keycld_model.image_alignment.follow import follow
+from keycld_model.image_alignment.light import Light
+from keycld_model.image_alignment.scene import Scene
 
 
 def frames(level: float, slope: float, factor: float = 0.0, number: int = 4000) -> ReadAgain:
@@ -78,3 +90,18 @@ def test_samples_weigh_by_their_own_errors():
     gaps = cut([replace(seen, qpos=seen.qpos * missing, qpos_std=own * missing)], known, 0.01, 40)
     assert np.isfinite(gaps.weight).all() and np.isnan(gaps.measured).any()
     assert (cut([seen], JointPositions(model, np.array([1e-3])), 0.01, 40).weight == 1).all()
+
+
+@pytest.mark.render
+def test_turns_that_are_counted_otherwise_are_no_errors():
+    """As after half a second in which the mechanism has been out of view, and the frames are followed once more."""
+    (run,), _ = film("pendulum", runs=1, frames=24)
+    assert run.frames is not None
+    times = 0.02 * np.arange(24)
+    with Scene(get_system("pendulum").compile(), "fixed", (64, 64), "fast") as scene:
+        bank, light = Bank(scene, scene.nominal), Light.unchanged()
+        poses = follow(scene, scene.nominal, light, times, run.frames, bank)
+        turned = [replace(pose, q=pose.q + 2 * np.pi * (k > 11)) for k, pose in enumerate(poses)]
+        again = reading_error(scene, scene.nominal, light, times, run.frames, turned, bank, 0.0)
+    assert len(again.error) == 24 and np.abs(again.error).max() < 0.02
+    assert read_astray([again]) == 0
