@@ -22,7 +22,7 @@ from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.replay import rollout_error
 from keycld_model.diagnosis.inputs.checks import check, check_apart
 from keycld_model.diagnosis.inputs.joint_model import simulator_of
-from keycld_model.diagnosis.inputs.observation import JointPositions, Observation
+from keycld_model.diagnosis.inputs.observation import BoundedNoise, JointPositions, Observation
 from keycld_model.diagnosis.inputs.prepare import accurate_step, ready, split, uncommanded
 from keycld_model.diagnosis.inputs.ranges import Paths, beyond, notable
 from keycld_model.diagnosis.inputs.windows import cut
@@ -275,7 +275,8 @@ def _explained(
     simulator = Simulator(model, accurate_step(training), criteria=criteria)
     windows = cut(training, observation, simulator.step, criteria.sizes.window)
     accurate = refit_accurately(simulator, windows)
-    quieter = observation.as_left(share_left(accurate))
+    bounded = isinstance(observation, BoundedNoise)
+    quieter = observation.as_left(share_left(accurate)) if bounded else observation
     if quieter is not observation:
         windows = cut(training, quieter, simulator.step, criteria.sizes.window)
         accurate = refit_accurately(simulator, windows)

@@ -97,7 +97,7 @@ def test_turns_that_are_counted_otherwise_are_no_errors():
     """As after half a second in which the mechanism has been out of view, and the frames are followed once more."""
     (run,), _ = film("pendulum", runs=1, frames=24)
     assert run.frames is not None
-    times = 0.02 * np.arange(24)
+    times = 0.02 * np.arange(24, dtype=np.float64)
     with Scene(get_system("pendulum").compile(), "fixed", (64, 64), "fast") as scene:
         bank, light = Bank(scene, scene.nominal), Light.unchanged()
         poses = follow(scene, scene.nominal, light, times, run.frames, bank)

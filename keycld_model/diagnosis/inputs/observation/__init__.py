@@ -2,6 +2,6 @@
 
 from keycld_model.diagnosis.inputs.observation.joint_positions import JointPositions
 from keycld_model.diagnosis.inputs.observation.nuisance import Nuisance
-from keycld_model.diagnosis.inputs.observation.protocol import Observation
+from keycld_model.diagnosis.inputs.observation.protocol import BoundedNoise, Observation
 
-__all__ = ["JointPositions", "Nuisance", "Observation"]
+__all__ = ["BoundedNoise", "JointPositions", "Nuisance", "Observation"]

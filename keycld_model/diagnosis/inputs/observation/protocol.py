@@ -1,7 +1,7 @@
 """The seam between motions and what is measured of them."""
 
 from collections.abc import Sequence
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,14 +46,6 @@ class Observation(Protocol):
         """
         ...
 
-    def as_left(self, share: Array) -> Self:
-        """The same with less noise, where what is said of it is but a bound: a camera's, not an encoder's.
-
-        Args:
-            share: `[m]` of the noise's variance that a fit leaves.
-        """
-        ...
-
     def check(self, recording: Recording) -> None:
         """Raise InputError, with the field and the remedy, if a recording does not hold what is observed."""
         ...
@@ -81,5 +73,18 @@ class Observation(Protocol):
             q: joint positions `[..., nv]`, rad or m.
             v: joint velocities `[..., nv]`.
             values: of the nuisances.
+        """
+        ...
+
+
+@runtime_checkable
+class BoundedNoise(Protocol):
+    """What an observation has besides where its noise is known as a bound: a camera's, not an encoder's."""
+
+    def as_left(self, share: Array) -> Observation:
+        """The same with less noise, as far as that may be.
+
+        Args:
+            share: `[m]` of the noise's variance that a fit leaves.
         """
         ...
