@@ -9,6 +9,7 @@ from keycld_model.autocorrelation import samples_together
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.parameters import effect_parameters
 from keycld_model.diagnosis.estimation.replay import mean_square
+from keycld_model.diagnosis.inputs.observation import BoundedNoise
 from keycld_model.diagnosis.simulation.variant import recording_spreads
 
 
@@ -78,7 +79,15 @@ def share_left(fit: Fit) -> NDArray[np.float64]:
     return mean_square(fit) * together
 
 
+def left_of_noise(fit: Fit) -> NDArray[np.float64]:
+    """Mean square of what a fit leaves over that of the noise, or of the most that it may be, by channel, `[m]`."""
+    observation, left = fit.problem.windows.observation, mean_square(fit)
+    return (
+        left * (observation.noise / observation.noise_at_most) ** 2 if isinstance(observation, BoundedNoise) else left
+    )
+
+
 def above_noise(fit: Fit) -> NDArray[np.float64]:
     """By how much the mean square of whitened residuals is more than noise, `[m]`; negative where it is not."""
-    left, criteria = mean_square(fit), fit.problem.criteria
+    left, criteria = left_of_noise(fit), fit.problem.criteria
     return left - 1 - criteria.spreads.noise - criteria.significant * np.sqrt(2 / (fit.problem.samples / len(left)))

@@ -10,8 +10,7 @@ import numpy as np
 from keycld_envs.effects import Effect, ExternalPulse, Parameter, effect_class
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.pulses import joined
-from keycld_model.diagnosis.estimation.replay import mean_square
-from keycld_model.diagnosis.search.criterion import Scored, above_noise
+from keycld_model.diagnosis.search.criterion import Scored, above_noise, left_of_noise
 from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.verdict.region import shape_of
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, Unexplained
@@ -116,7 +115,7 @@ def unexplained_of(*tested: tuple[Fit, Fit]) -> Unexplained:
         tested: pairs of fits to the same windows, with nuisances alone, and with what was found.
     """
     refitted, chosen = max(tested, key=lambda pair: float(above_noise(pair[1]).max()))
-    before, after = (mean_square(fit) for fit in (refitted, chosen))
+    before, after = (left_of_noise(fit) for fit in (refitted, chosen))
     excess = above_noise(chosen)
     worst = int(excess.argmax())
     more = bool(excess[worst] > 0)

@@ -35,6 +35,7 @@ class EncodersAndCamera:
         noise: Array | None = None,
         criteria: Criteria = STANDARD,
         by_look: LookErrors | None = None,
+        noise_at_most: Array | None = None,
     ) -> None:
         """Of all joints of a model.
 
@@ -44,6 +45,7 @@ class EncodersAndCamera:
             noise: `[2 nv]`, rad or m; None if it is not known yet.
             criteria: how far off sensors may be.
             by_look: how far positions by the camera are off where the look is with which they were read.
+            noise_at_most: `[2 nv]` bound of the noise, rad or m; by default the noise itself.
         """
         self._model, self._criteria, self._joints, self._error = model, criteria, model.njnt, error
         self._by_look = by_look
@@ -53,6 +55,7 @@ class EncodersAndCamera:
         self.names = (*self._encoders.names, *(name + SEEN for name in self._camera.names))
         self.units = self._encoders.units + self._camera.units
         self.noise: Array = np.concatenate([self._encoders.noise, self._camera.noise])
+        self.noise_at_most: Array = self.noise if noise_at_most is None else noise_at_most
         self.nuisances: tuple[Nuisance, ...] = self._encoders.nuisances + tuple(
             n if n.kind == "look" else replace(n, name=n.name + SEEN, index=n.index + self._joints)
             for n in self._camera.nuisances
@@ -75,7 +78,7 @@ class EncodersAndCamera:
         if share.min() >= 1:
             return self
         noise = self.noise * np.sqrt(share.clip(max=1))
-        return EncodersAndCamera(self._model, self._error, noise, self._criteria, self._by_look)
+        return EncodersAndCamera(self._model, self._error, noise, self._criteria, self._by_look, self.noise_at_most)
 
     def check(self, recording: Recording) -> None:
         """Both halves, as if each were a recording of its own."""

@@ -44,6 +44,7 @@ class JointPositions:
         floor: Array | None = None,
         typical: Array | None = None,
         by_look: LookErrors | None = None,
+        noise_at_most: Array | None = None,
     ) -> None:
         """Of all joints of a model.
 
@@ -57,6 +58,7 @@ class JointPositions:
             typical: `[nv]` standard deviation, rad or m, of samples that weigh one; others by their own (`qpos_std` of
                 recordings). None where all weigh the same.
             by_look: how far positions are off where the look is with which they were read.
+            noise_at_most: `[nv]` bound of the noise, rad or m; by default the noise itself.
         """
         self._by_look = by_look
         self._floor, self._typical = floor, typical
@@ -65,6 +67,7 @@ class JointPositions:
         self.names = tuple(model.joint(j).name for j in range(model.njnt))
         self.units = tuple("rad" if hinge else "m" for hinge in self._hinges)
         self.noise: Array = np.full(model.njnt, np.nan) if noise is None else noise
+        self.noise_at_most: Array = self.noise if noise_at_most is None else noise_at_most
         self.nuisances = self._errors()
 
     def _errors(self) -> tuple[Nuisance, ...]:
@@ -93,18 +96,18 @@ class JointPositions:
         measured = [self.measured(recording) for recording in recordings]
         noise = estimate_noise(times, measured, [self.weights(recording) for recording in recordings])
         noise = noise if self._floor is None else np.maximum(noise, self._floor)
-        return self._with(noise)
+        return self._with(noise, noise)
 
     def as_left(self, share: Array) -> "JointPositions":
         """With less noise, if a fit leaves less than positions are said to have that were read off frames."""
         if self._typical is None or share.min() >= 1:
             return self
-        return self._with(self.noise * np.sqrt(share.clip(max=1)))
+        return self._with(self.noise * np.sqrt(share.clip(max=1)), self.noise_at_most)
 
-    def _with(self, noise: Array) -> "JointPositions":
+    def _with(self, noise: Array, at_most: Array) -> "JointPositions":
         """The same with another noise."""
         return JointPositions(
-            self._model, noise, self._tracked, self._criteria, self._floor, self._typical, self._by_look
+            self._model, noise, self._tracked, self._criteria, self._floor, self._typical, self._by_look, at_most
         )
 
     def check(self, recording: Recording) -> None:

@@ -81,6 +81,11 @@ class Observation(Protocol):
 class BoundedNoise(Protocol):
     """What an observation has besides where its noise is known as a bound: a camera's, not an encoder's."""
 
+    @property
+    def noise_at_most(self) -> Array:
+        """Bound of the standard deviation of each channel's noise, `[m]`; no smaller misfit is more than noise."""
+        ...
+
     def as_left(self, share: Array) -> Observation:
         """The same with less noise, as far as that may be.
 
