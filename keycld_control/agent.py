@@ -26,9 +26,10 @@ from keycld_envs.errors import InputError
 from keycld_model.camera import Camera, Restoration, restore, restored
 
 DEFAULT_KP, DEFAULT_KD = 40.0, 10.0
-ROBUST = 0.4
+ROBUST, BRAKING = 0.2, 0.4
 """Damping times the time until commands arrive, on average over the motors, at most; the gains of agents with late
-motors are lowered to it. Motors that are not late make up for others, as far as they can."""
+motors are lowered to it. Motors that are not late make up for others, as far as they can. Where energy is pumped, the
+second number holds: the target is passed with speed, which motors brake while they outweigh gravity, or never."""
 GRACE, FADING = 0.2, 0.1
 """Seconds without a trusted image that the estimate runs on the model, and in which the action then fades to zero."""
 
@@ -132,7 +133,8 @@ class EnergyShapingAgent:
         self.pivot: NDArray[np.float32] = np.asarray(model.pivot)
         self.pumps = pump is not None
         late = kd * plant.timestep * float(self._actuation.lead.mean())
-        slower = min(1.0, ROBUST / late) if late else 1.0
+        most = BRAKING if self.pumps else ROBUST
+        slower = min(1.0, most / late) if late else 1.0
         self._first, self._next = _compile(
             plant, model.keypoints_fn, known, target, kp * slower**2, kd * slower, law, pump, self._actuation.lead
         )
