@@ -99,7 +99,7 @@ def test_an_outlook_tells_what_is_under_way():
         ("cartpole", [CoulombFriction("slider", 0.5), CoulombFriction("hinge_1", 0.3)]),
         ("acrobot", [ActuatorDelay("shoulder", 0.05), ActuatorDelay("elbow", 0.05)]),
         ("acrobot", [ActuatorGain("shoulder", 0.3), CoulombFriction("shoulder", 4.1)]),
-        ("pendulum", [ActuatorGain("torque", 0.33), ActuatorDelay("torque", 0.088)]),
+        ("pendulum", [ActuatorGain("torque", 0.3), ActuatorDelay("torque", 0.1)]),
     ],
 )
 def test_told_of_the_effects_an_agent_succeeds_where_it_failed(name, effects):
