@@ -110,7 +110,7 @@ def test_two_links_are_read_in_workers_as_in_one_process():
 @pytest.mark.render
 @pytest.mark.long
 def test_of_another_scene_no_physics_is_named():
-    runs, _ = film("cartpole", frames=12)
+    runs, _ = film("cartpole", frames=40)
     model = get_system("pendulum").compile()
     report = diagnose_images(runs, model, camera=get_system("pendulum").camera, workers=1)
     assert report.verdict == "undetermined"
