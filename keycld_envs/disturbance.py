@@ -27,6 +27,8 @@ class Disturbance:
         zoom: factor of lengths.
         aspect: factor of horizontal lengths beside it.
         roll: image content is turned counter-clockwise about the centre, rad.
+        pitch: the camera is turned upwards, rad, and what was in the middle of the image stays there (keystone).
+        yaw: the same to the right.
         blur: standard deviation of a Gaussian, pixels.
         gain: factors of red, green and blue.
         offset: added to all three, grey levels, 0 to 255.
@@ -42,6 +44,8 @@ class Disturbance:
     zoom: float = 1.0
     aspect: float = 1.0
     roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
     blur: float = 0.0
     gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
     offset: float = 0.0
@@ -64,7 +68,7 @@ class Disturbance:
 
         Args:
             words: "shift" (RIGHT or RIGHT,UP), "brightness" (ALL or RED,GREEN,BLUE), "offset", "zoom",
-                "roll", "blur", "noise" or "jpeg", each with its numbers.
+                "roll", "pitch", "yaw", "blur", "noise" or "jpeg", each with its numbers.
 
         Raises:
             InputError: if a name is none of these, or its numbers are none, too many, or out of range.
@@ -79,7 +83,7 @@ class Disturbance:
     @cached_property
     def view(self) -> View:
         """As the renderer takes it."""
-        return View(self.right, self.up, self.zoom, self.aspect, self.roll)
+        return View(self.right, self.up, self.zoom, self.aspect, self.roll, self.pitch, self.yaw)
 
     def develop(self, image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
         """What the camera makes of an ideal image `[H, W, 3]` in its view."""
@@ -121,6 +125,8 @@ _RANGES = {
     "zoom": (0.01, 100.0),
     "aspect": (0.01, 100.0),
     "roll": (-1e3, 1e3),
+    "pitch": (-1.0, 1.0),
+    "yaw": (-1.0, 1.0),
     "blur": (0.0, 100.0),
     "offset": (-255.0, 255.0),
     "noise": (0.0, 255.0),
@@ -148,6 +154,8 @@ _NUMBERS = {
     "shift": lambda name, text: dict(zip(("right", "up"), _read(name, text, (1, 2), -32, 32), strict=False)),
     "zoom": _one("zoom", 0.5, 2),
     "roll": _one("roll", -1, 1),
+    "pitch": _one("pitch", -1, 1),
+    "yaw": _one("yaw", -1, 1),
     "brightness": lambda name, text: {"gain": (*(_read(name, text, (1, 3), 0, 10) * 3)[:3],)},
     "offset": _one("offset", -255, 255),
     "blur": _one("blur", 0, 10),

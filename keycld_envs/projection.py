@@ -19,6 +19,14 @@ def pose(model: mujoco.MjModel, data: mujoco.MjData, qpos: ArrayLike) -> None:
     mujoco.mj_camlight(model, data)
 
 
+def focal_length(model: mujoco.MjModel, camera: str, height: int) -> float:
+    """Of a camera of the model, pixels of an image so high; infinite if it is orthographic."""
+    found = model.camera(camera).id
+    if model.cam_projection[found] == mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC:
+        return float("inf")
+    return float(height / 2 / np.tan(np.deg2rad(model.cam_fovy[found]) / 2))
+
+
 def world_to_image(
     model: mujoco.MjModel, data: mujoco.MjData, points: ArrayLike, camera: str, width: int, height: int
 ) -> NDArray[np.float64]:

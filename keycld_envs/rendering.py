@@ -9,11 +9,12 @@ from typing import Any, Literal
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from keycld_envs.checks import check_size
 from keycld_envs.opengl import create_context, no_opengl
 
+Array = NDArray[np.float64]
 Quality = Literal["fast", "full"]
 
 
@@ -57,6 +58,9 @@ class View:
         zoom: factor of all lengths in the image.
         aspect: factor of horizontal lengths beside `zoom`.
         roll: image content is turned counter-clockwise about the centre, rad.
+        pitch: the camera is turned upwards where it stands, rad, and what was in the middle of the image stays there:
+            lengths shrink towards the top (keystone). It does nothing to orthographic cameras.
+        yaw: the same to the right.
     """
 
     right: float = 0.0
@@ -64,10 +68,13 @@ class View:
     zoom: float = 1.0
     aspect: float = 1.0
     roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
 
     def apply(self, cameras: Sequence[mujoco.MjvGLCamera], width: int, height: int) -> None:
         """Change the cameras of a scene, both eyes."""
         for camera in cameras:
+            self._turn(camera)
             half = 0.5 * (camera.frustum_top - camera.frustum_bottom) / self.zoom  # of the height, at the near plane
             wide = half * width / height / self.aspect
             camera.frustum_width = wide
@@ -75,8 +82,42 @@ class View:
             shift = 2 * half * self.up / height
             middle = 0.5 * (camera.frustum_top + camera.frustum_bottom)
             camera.frustum_bottom, camera.frustum_top = middle - half - shift, middle + half - shift
-            side = np.cross(camera.forward, camera.up)
-            camera.up[:] = np.cos(self.roll) * camera.up + np.sin(self.roll) * side
+
+    def place(self, right: ArrayLike, up: ArrayLike, focal: float) -> tuple[Array, Array]:
+        """Where content is seen, pixels to the right of the middle and above it.
+
+        Args:
+            right: of the middle, where the model's camera sees it, pixels.
+            up: and above it.
+            focal: length of the camera, pixels; infinite for an orthographic one.
+        """
+        x, y = np.asarray(right, np.float64), np.asarray(up, np.float64)
+        if np.isfinite(focal):
+            turned = np.einsum("ij,j...->i...", self._turned, np.stack([x / focal, y / focal, np.ones_like(x)]))
+            middle = self._turned[:, 2]
+            x, y = (focal * (turned[k] / turned[2] - middle[k] / middle[2]) for k in (0, 1))
+        x, y = x * np.cos(self.roll) - y * np.sin(self.roll), x * np.sin(self.roll) + y * np.cos(self.roll)
+        return x * self.zoom * self.aspect + self.right, y * self.zoom + self.up
+
+    @property
+    def _turned(self) -> Array:
+        """Right, up and forward of the camera after yaw and pitch `[3, 3]`, in those before."""
+        (cy, sy), (cp, sp) = ((np.cos(angle), np.sin(angle)) for angle in (self.yaw, self.pitch))
+        return np.array([[cy, 0, -sy], [-sp * sy, cp, -sp * cy], [cp * sy, sp, cp * cy]])
+
+    def _turn(self, camera: mujoco.MjvGLCamera) -> None:
+        """Yaw, pitch and roll, and a shift by which what was in the middle stays there."""
+        forward = np.array(camera.forward, np.float64)
+        before = np.stack([np.cross(forward, camera.up), camera.up, forward])
+        right, up, ahead = before if camera.orthographic else self._turned @ before
+        right, up = (
+            np.cos(self.roll) * right - np.sin(self.roll) * up,
+            np.cos(self.roll) * up + np.sin(self.roll) * right,
+        )
+        camera.forward[:], camera.up[:] = ahead, up
+        x, y = (camera.frustum_near * float(axis @ forward / (ahead @ forward)) for axis in (right, up))
+        camera.frustum_center += x
+        camera.frustum_bottom, camera.frustum_top = camera.frustum_bottom + y, camera.frustum_top + y
 
 
 QUALITIES: dict[str, RenderSettings] = {

@@ -31,7 +31,8 @@ class Args:
         fps: Frames per second, at most; each is drawn at a measured sample.
         render_quality: How exact shadows and edges are.
         disturb: What the camera does to images, as NAME=NUMBERS, again for another: shift=2 or shift=RIGHT,UP (pixels),
-            brightness=0.7 or R,G,B, offset, zoom, roll (rad), blur (pixels), noise (grey levels), jpeg (quality).
+            brightness=0.7 or R,G,B, offset, zoom, roll, pitch, yaw (rad), blur (pixels), noise (grey levels), jpeg
+            (quality).
         seed: Of the noise of images.
         json: Print one JSON object.
     """

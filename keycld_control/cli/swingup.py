@@ -26,8 +26,9 @@ class Args:
         kp: Stiffness, 1/s²; by default 40.
         kd: Damping, 1/s; by default 10.
         disturb: What the camera does to images, the target's included, as NAME=NUMBERS, again for another: shift=2 or
-            shift=2,-1 (pixels to the right, up), zoom=1.02, roll=0.02 (rad), brightness=0.7 or brightness=1,0.9,0.8
-            (red, green, blue), offset=10 (grey levels), blur=0.7 (pixels), noise=10 (grey levels), jpeg=80 (quality).
+            shift=2,-1 (pixels to the right, up), zoom=1.02, roll=0.02, pitch=0.02, yaw=0.02 (rad), brightness=0.7 or
+            brightness=1,0.9,0.8 (red, green, blue), offset=10 (grey levels), blur=0.7 (pixels), noise=10 (grey levels),
+            jpeg=80 (quality).
         clean_target: The target image is undisturbed.
         corrections: report.json of `keycld diagnose`; the agent makes up for what it found.
         video: Write a clip of the whole first episode (.mp4 or .gif).

@@ -16,6 +16,8 @@ class Spreads:
             the masses, and a simulator whose masses are off by half need not be mended first.
         zero: of an encoder's zero, rad or m.
         view: of what a camera that looks askew adds to a position, rad or m.
+        view_beside_look: the same of positions that are read with a look that was fitted, pitch and yaw among it: what
+            lenses do, and a view from aside, by 1 - cos of some .05 rad.
         shutter: of the time that a shutter takes to roll across an image, s.
         noise: of the estimated variance of the sensors' noise, relative, three times over; it is known to some 5 %.
         noise_of_frames: the same of positions that are read off frames, twice over: of 46 filmed cases in which nothing
@@ -29,6 +31,7 @@ class Spreads:
     mass_beside_forces: float = 0.5
     zero: float = 0.015
     view: float = 0.03
+    view_beside_look: float = 0.001
     shutter: float = 0.01
     noise: float = 0.15
     noise_of_frames: float = 0.45

@@ -38,14 +38,14 @@ class LookParameter:
         return self.name if self.body is not None else f"camera: {self.name}"
 
 
-CAMERA = ("right", "up", "zoom", "aspect", "roll")
+CAMERA = ("right", "up", "zoom", "aspect", "roll", "pitch", "yaw")
 """The first parameters, those of `View`."""
 BLUR = "blur"
 """The last one: the variance of a Gaussian that an image is blurred by, which differences are linear in."""
 
 
 def look_parameters(model: mujoco.MjModel, size: tuple[int, int]) -> tuple[LookParameter, ...]:
-    """Of a model whose images have a size (H, W): five of the camera, a length of every link that turns, and blur."""
+    """Of a model whose images have a size (H, W): seven of the camera, a length of every link that turns, and blur."""
     turning = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
     return (
         LookParameter("right", 0.05 * size[1], "px"),
@@ -53,6 +53,8 @@ def look_parameters(model: mujoco.MjModel, size: tuple[int, int]) -> tuple[LookP
         LookParameter("zoom", 0.1, "of the simulator's", factor=True),
         LookParameter("aspect", 0.05, "of the simulator's", factor=True),
         LookParameter("roll", 0.1, "rad"),
+        LookParameter("pitch", 0.05, "rad"),
+        LookParameter("yaw", 0.05, "rad"),
         *(
             LookParameter(f"visible length of {model.body(b).name}", 0.15, "of the simulator's", True, b)
             for b in dict.fromkeys(turning)
@@ -64,23 +66,23 @@ def look_parameters(model: mujoco.MjModel, size: tuple[int, int]) -> tuple[LookP
 def view_of(values: Array) -> View:
     """How the camera sees, of the values of all parameters; as the simulator's, if there are none."""
     if not len(values):
-        return View(0.0, 0.0, 1.0, 1.0, 0.0)
-    right, up, zoom, aspect, roll = (float(v) for v in values[: len(CAMERA)])
-    return View(right, up, float(np.exp(zoom)), float(np.exp(aspect)), roll)
+        return View()
+    right, up, zoom, aspect, roll, pitch, yaw = (float(v) for v in values[: len(CAMERA)])
+    return View(right, up, float(np.exp(zoom)), float(np.exp(aspect)), roll, pitch, yaw)
 
 
-def pixels_of(points: Array, values: Array, size: tuple[int, int]) -> Array:
+def pixels_of(points: Array, values: Array, size: tuple[int, int], focal: float) -> Array:
     """Columns and rows `[..., 2]` of pixels at which image units `[..., 2]` of the simulator's camera are seen.
 
     Args:
         points: pixel centres of the simulator's image span -1 to 1, y up.
         values: of all parameters.
         size: of the image, (H, W).
+        focal: length of the simulator's camera, see `keycld_envs.projection.focal_length`.
     """
-    view, (height, width) = view_of(values), size
+    height, width = size
     x, y = points[..., 0] * (width - 1) / 2, points[..., 1] * (height - 1) / 2
-    x, y = x * np.cos(view.roll) - y * np.sin(view.roll), x * np.sin(view.roll) + y * np.cos(view.roll)
-    x, y = x * view.zoom * view.aspect + view.right, y * view.zoom + view.up
+    x, y = view_of(values).place(x, y, focal)
     return np.stack([(width - 1) / 2 + x, (height - 1) / 2 - y], axis=-1)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from keycld_envs.projection import pose, world_to_image
+from keycld_envs.projection import focal_length, pose, world_to_image
 from keycld_envs.rendering import Quality, Renderer
 from keycld_model.image_alignment.look import CAMERA, lengthen, look_parameters, pixels_of, view_of
 
@@ -18,6 +18,8 @@ LEAST_BLUR = 1e-3
 """A blur of fewer pixels is none."""
 STEP = 0.7
 """How far finite differences move what is seen, pixels: less drowns in the steps of pixels, more is not linear."""
+FLATTEST = 14.0
+"""Focal length, in halves of an image, that no camera exceeds: beyond it, there is no perspective to be told."""
 BLUR_STEP = 0.1
 """Step of the variance of a blur, square pixels."""
 
@@ -125,7 +127,8 @@ class Scene:
         height, width = self.size
         ends = self._ends(q, values) * [2 / (width - 1), 2 / (height - 1)]
         along = np.linspace(0.0, 1.0, 21)[:, None, None]
-        x, y = np.moveaxis(pixels_of(ends[0] + along * (ends[1] - ends[0]), values, self.size), -1, 0)
+        focal = focal_length(self.model, self._camera, height)
+        x, y = np.moveaxis(pixels_of(ends[0] + along * (ends[1] - ends[0]), values, self.size, focal), -1, 0)
         share = np.mean((x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5), axis=0)
         link = self.model.body_weldid[self.model.geom_bodyid[self._moving]]
         joints = self.model.body_weldid[self.model.jnt_bodyid]
@@ -143,7 +146,9 @@ class Scene:
     def look_steps(self) -> Array:
         """Steps of finite differences: each moves what is seen by about `STEP` pixels."""
         half = max(self.size) / 2
-        pixels = [1.0, 1.0, half, half, half, *[half / 2] * (len(self.parameters) - len(CAMERA) - 1)]
+        keystone = half**2 / min(focal_length(self.model, self._camera, self.size[0]), FLATTEST * half)
+        pixels = [1.0, 1.0, half, half, half, keystone, keystone]
+        pixels += [half / 2] * (len(self.parameters) - len(CAMERA) - 1)
         return np.array([STEP / p for p in pixels] + [BLUR_STEP])
 
     def _place(self, q: Array, values: Array) -> None:

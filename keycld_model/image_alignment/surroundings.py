@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from cmaes import CMA
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.optimize import minimize
@@ -37,12 +38,16 @@ ROUNDED = 1 / 12
 """Variance of rounding to whole grey levels."""
 OUTLIER = 3.0
 """Grey levels beyond which a difference counts linearly: what passed by is left in a mean."""
-REACHES = (0.4, 0.2, -0.4, -0.2) * 2
-"""First steps of the searches, one after the other, in steps of finite differences."""
-EVALUATIONS = 250
-"""Drawings of a search, at most."""
-BETTER = 0.98
-"""Factor of the misfit by which two searches must have made it smaller for others to follow."""
+REACH = 0.3
+"""Standard deviation of the first looks of the search, in steps of finite differences: some .2 pixels."""
+POPULATION = 30
+"""Looks of a generation: twice and more what is usual for eight numbers, for the misfit is rough."""
+GENERATIONS = 45
+"""Of the search; the spread of looks is a fiftieth by then."""
+POLISH = (0.3, -0.15)
+"""First steps of the simplex searches after it, in steps of finite differences."""
+EVALUATIONS = 300
+"""Drawings of such a search, at most."""
 
 
 @dataclass(frozen=True)
@@ -104,25 +109,30 @@ class Surroundings:
 def _searched(misfit: Callable[[Array], float], look: Array, steps: Array) -> tuple[Array, float]:
     """A look `[p]` with the least misfit, near another, moved by multiples of steps `[k, p]`; blur is not negative.
 
-    By the simplex method (Nelder and Mead, 1965), again and again, since there are steps in the misfit.
+    There are steps in the misfit, so that methods that go downhill end beside the least one. A population does not
+    (CMA-ES; Hansen and Ostermeier, 2001); simplex searches (Nelder and Mead, 1965) go on from it.
     """
 
-    def from_best(z: Array, reach: float) -> Array:
-        moved = best + reach * z @ steps
-        return np.append(moved[:-1], max(0.0, moved[-1]))
+    def moved(z: Array) -> Array:
+        there = look + z @ steps
+        return np.append(there[:-1], max(0.0, there[-1]))
 
-    best, least, before, here = look, misfit(look), np.inf, np.zeros(len(steps))
-    for k, reach in enumerate(REACHES):
-        if k % 2 == 0:  # of both lengths
-            if least > BETTER * before:
-                break
-            before = least
-        options = {"maxfev": EVALUATIONS, "xatol": 0.01, "fatol": 1e-4}
-        options["initial_simplex"] = np.vstack([here, np.eye(len(steps))])
-        found = minimize(lambda z, r=reach: misfit(from_best(z, r)), here, method="Nelder-Mead", options=options)
+    def of(z: Array) -> float:
+        return misfit(moved(z))
+
+    here = np.zeros(len(steps))
+    population = CMA(here, REACH, population_size=POPULATION, seed=0)
+    for _ in range(GENERATIONS):
+        some = [population.ask() for _ in range(POPULATION)]
+        population.tell([(z, of(z)) for z in some])
+    best, least = min(((z, of(z)) for z in (here, population.mean)), key=lambda found: found[1])
+    for reach in POLISH:
+        simplex = best + reach * np.vstack([here, np.eye(len(here))])
+        options = {"maxfev": EVALUATIONS, "xatol": 0.002, "fatol": 1e-4, "initial_simplex": simplex}
+        found = minimize(of, best, method="Nelder-Mead", options=options)
         if found.fun < least:
-            best, least = from_best(found.x, reach), float(found.fun)
-    return best, least
+            best, least = found.x, float(found.fun)
+    return moved(best), least
 
 
 def _widened(moved: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -46,7 +46,7 @@ def test_positions_are_those_of_the_simulation_whatever_the_camera_does():
         noisy = 0.7 * image.astype(float) + 12 + np.random.default_rng(int(image.sum())).normal(0, 3, image.shape)
         return np.clip(noisy, 0, 255).round().astype(np.uint8)
 
-    view = View(right=2.1, up=-1.3, zoom=1.05, aspect=0.98, roll=0.04)
+    view = View(2.1, -1.3, 1.05, 0.98, 0.04, pitch=-0.05, yaw=0.03)
     model = get_system("pendulum").compile()
     runs, truth = film("pendulum", view=view, develop=develop, change=lambda m: lengthen(m, 1, 0.9))
     positions = read_positions(runs, model, workers=1)
@@ -56,6 +56,7 @@ def test_positions_are_those_of_the_simulation_whatever_the_camera_does():
     assert np.exp(values["zoom"]) == pytest.approx(1.05, abs=0.003)
     assert np.exp(values["aspect"]) == pytest.approx(0.98, abs=0.006)
     assert values["roll"] == pytest.approx(0.04, abs=0.002)
+    assert (values["pitch"], values["yaw"]) == pytest.approx((-0.05, 0.03), abs=0.005)
     assert np.exp(values["visible length of pole"]) == pytest.approx(0.9, abs=0.01)
     seen = 0.5 * 0.9 * 1.05 * PIXELS_PER_METRE["pendulum"] * errors(positions, truth, 2 * np.pi)  # px at the tip
     assert abs(np.mean(seen)) < 0.05

@@ -10,8 +10,8 @@ IMAGE = np.random.default_rng(0).integers(60, 120, (64, 64, 3)).astype(np.uint8)
 
 
 def test_numbers_are_read_by_name():
-    words = {"shift": "2,-1", "brightness": "1,0.5,0.2", "noise": "3", "jpeg": "80", "zoom": "1.02"}
-    expected = Disturbance(right=2, up=-1, gain=(1, 0.5, 0.2), noise=3, jpeg=80, zoom=1.02)
+    words = {"shift": "2,-1", "brightness": "1,0.5,0.2", "noise": "3", "jpeg": "80", "zoom": "1.02", "yaw": "-0.02"}
+    expected = Disturbance(right=2, up=-1, gain=(1, 0.5, 0.2), noise=3, jpeg=80, zoom=1.02, yaw=-0.02)
     assert Disturbance.parse(words) == expected
     assert Disturbance.parse({"brightness": "0.7", "shift": "2"}) == Disturbance(gain=(0.7, 0.7, 0.7), right=2)
 

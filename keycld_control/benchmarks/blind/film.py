@@ -56,6 +56,8 @@ class Film(Disturbance):
             offset=float(rng.normal(0, 8 if shifted else 2)),
             noise=float(rng.uniform(2, 10) if shifted else rng.uniform(0, 3)),
             jpeg=int(rng.integers(75, 96)) if shifted and rng.random() < 0.5 else None,
+            pitch=float(rng.normal(0, 0.02)),
+            yaw=float(rng.normal(0, 0.02)),
             shifted=shifted,
         )
 

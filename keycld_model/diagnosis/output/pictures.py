@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_envs.projection import world_to_image
+from keycld_envs.projection import focal_length, world_to_image
 from keycld_envs.recordings import Recording
 from keycld_envs.recordings.crop import reduced
 from keycld_model.diagnosis.inputs.prepare import LAST_THIRD
@@ -62,5 +62,6 @@ def _links(drawn: Skeleton, q: Array, positions: Positions) -> Array:
     mujoco.mj_forward(drawn.model, data)
     height, width = positions.size
     seen = world_to_image(drawn.model, data, drawn.in_space(q), positions.camera, width, height)
-    ends = pixels_of(seen, positions.values, positions.size)
+    focal = focal_length(drawn.model, positions.camera, height)
+    ends = pixels_of(seen, positions.values, positions.size, focal)
     return np.stack([ends[:, [link.start, link.end]] for link in drawn.links], axis=1)

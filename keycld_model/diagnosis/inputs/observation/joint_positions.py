@@ -72,8 +72,9 @@ class JointPositions:
 
     def _errors(self) -> tuple[Nuisance, ...]:
         """A zero per joint; if positions were tracked, errors of the camera at each joint as well."""
-        view, shutter = self._criteria.spreads.view, self._criteria.spreads.shutter
-        camera = {"squash": view, "skew": view, "shutter": shutter} if self._tracked else {}
+        spreads = self._criteria.spreads
+        view = spreads.view if self._by_look is None else spreads.view_beside_look
+        camera = {"squash": view, "skew": view, "shutter": spreads.shutter} if self._tracked else {}
         joints = range(len(self.names))
         wanted = [(j, "zero", self._criteria.spreads.zero) for j in joints]
         wanted += [(j, kind, spread) for j in joints for kind, spread in camera.items()]
