@@ -27,6 +27,21 @@ def focal_length(model: mujoco.MjModel, camera: str, height: int) -> float:
     return float(height / 2 / np.tan(np.deg2rad(model.cam_fovy[found]) / 2))
 
 
+def distance_of_links(model: mujoco.MjModel, data: mujoco.MjData, camera: str) -> float:
+    """Of what moves from a camera of the model, on average and along its axis, m; one, if nothing moves.
+
+    Args:
+        model: the compiled model.
+        data: its state; poses are read, so kinematics must be up to date.
+        camera: name of the camera.
+    """
+    found, links = model.camera(camera).id, model.body_weldid[model.geom_bodyid] > 0
+    if not links.any():
+        return 1.0
+    backward = data.cam_xmat[found].reshape(3, 3)[:, 2]
+    return float(np.mean((data.cam_xpos[found] - data.geom_xpos[links]) @ backward))
+
+
 def world_to_image(
     model: mujoco.MjModel, data: mujoco.MjData, points: ArrayLike, camera: str, width: int, height: int
 ) -> NDArray[np.float64]:

@@ -3,7 +3,6 @@
 import atexit
 import copy
 import weakref
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -61,6 +60,11 @@ class View:
         pitch: the camera is turned upwards where it stands, rad, and what was in the middle of the image stays there:
             lengths shrink towards the top (keystone). It does nothing to orthographic cameras.
         yaw: the same to the right.
+        aside: the camera stands farther right, by so much of `distance`, and what is so far away stays in place: what
+            is behind it moves to the right (parallax). It does nothing to orthographic cameras, either.
+        above: the same upwards.
+        nearer: the same forwards; what is so far away stays as large.
+        distance: from the model's camera, along its axis, m.
     """
 
     right: float = 0.0
@@ -70,10 +74,16 @@ class View:
     roll: float = 0.0
     pitch: float = 0.0
     yaw: float = 0.0
+    aside: float = 0.0
+    above: float = 0.0
+    nearer: float = 0.0
+    distance: float = 1.0
 
-    def apply(self, cameras: Sequence[mujoco.MjvGLCamera], width: int, height: int) -> None:
-        """Change the cameras of a scene, both eyes."""
-        for camera in cameras:
+    def apply(self, scene: mujoco.MjvScene, width: int, height: int) -> None:
+        """Change the cameras of a scene, both eyes, and the headlight, which is where they are."""
+        for camera in scene.camera:
+            if not camera.orthographic:
+                self._move(camera)
             self._turn(camera)
             half = 0.5 * (camera.frustum_top - camera.frustum_bottom) / self.zoom  # of the height, at the near plane
             wide = half * width / height / self.aspect
@@ -82,9 +92,13 @@ class View:
             shift = 2 * half * self.up / height
             middle = 0.5 * (camera.frustum_top + camera.frustum_bottom)
             camera.frustum_bottom, camera.frustum_top = middle - half - shift, middle + half - shift
+        for light in scene.lights[: scene.nlight]:
+            if light.headlight:
+                light.pos[:] = np.mean([camera.pos for camera in scene.camera], axis=0)
+                light.dir[:] = scene.camera[0].forward
 
     def place(self, right: ArrayLike, up: ArrayLike, focal: float) -> tuple[Array, Array]:
-        """Where content is seen, pixels to the right of the middle and above it.
+        """Where content at `distance` is seen, pixels to the right of the middle and above it.
 
         Args:
             right: of the middle, where the model's camera sees it, pixels.
@@ -93,9 +107,12 @@ class View:
         """
         x, y = np.asarray(right, np.float64), np.asarray(up, np.float64)
         if np.isfinite(focal):
-            turned = np.einsum("ij,j...->i...", self._turned, np.stack([x / focal, y / focal, np.ones_like(x)]))
-            middle = self._turned[:, 2]
-            x, y = (focal * (turned[k] / turned[2] - middle[k] / middle[2]) for k in (0, 1))
+            depth = np.full_like(x, 1 - self.nearer)
+            seen, middle = (
+                np.einsum("ij,j...->i...", self._turned, np.stack([right - self.aside, up - self.above, depth]))
+                for right, up in ((x / focal, y / focal), (0.0 * x, 0.0 * y))
+            )
+            x, y = (focal * (1 - self.nearer) * (seen[k] / seen[2] - middle[k] / middle[2]) for k in (0, 1))
         x, y = x * np.cos(self.roll) - y * np.sin(self.roll), x * np.sin(self.roll) + y * np.cos(self.roll)
         return x * self.zoom * self.aspect + self.right, y * self.zoom + self.up
 
@@ -105,19 +122,32 @@ class View:
         (cy, sy), (cp, sp) = ((np.cos(angle), np.sin(angle)) for angle in (self.yaw, self.pitch))
         return np.array([[cy, 0, -sy], [-sp * sy, cp, -sp * cy], [cp * sy, sp, cp * cy]])
 
+    def _move(self, camera: mujoco.MjvGLCamera) -> None:
+        """Aside, above and nearer, and a shift and a zoom by which what is at `distance` stays in place."""
+        axes = np.stack([np.cross(camera.forward, camera.up), camera.up, camera.forward])
+        camera.pos[:] = camera.pos + self.distance * np.array([self.aside, self.above, self.nearer]) @ axes
+        larger, near = 1 / (1 - self.nearer), camera.frustum_near
+        camera.frustum_center = larger * (camera.frustum_center - near * self.aside)
+        camera.frustum_bottom = larger * (camera.frustum_bottom - near * self.above)
+        camera.frustum_top = larger * (camera.frustum_top - near * self.above)
+
     def _turn(self, camera: mujoco.MjvGLCamera) -> None:
         """Yaw, pitch and roll, and a shift by which what was in the middle stays there."""
         forward = np.array(camera.forward, np.float64)
         before = np.stack([np.cross(forward, camera.up), camera.up, forward])
+        off = camera.frustum_center, 0.5 * (camera.frustum_bottom + camera.frustum_top)
+        middle = np.array([*off, camera.frustum_near]) @ before
         right, up, ahead = before if camera.orthographic else self._turned @ before
         right, up = (
             np.cos(self.roll) * right - np.sin(self.roll) * up,
             np.cos(self.roll) * up + np.sin(self.roll) * right,
         )
         camera.forward[:], camera.up[:] = ahead, up
-        x, y = (camera.frustum_near * float(axis @ forward / (ahead @ forward)) for axis in (right, up))
-        camera.frustum_center += x
-        camera.frustum_bottom, camera.frustum_top = camera.frustum_bottom + y, camera.frustum_top + y
+        if not camera.orthographic:
+            x, y = (camera.frustum_near * float(axis @ middle / (ahead @ middle)) for axis in (right, up))
+            camera.frustum_center = x
+            camera.frustum_bottom += y - off[1]
+            camera.frustum_top += y - off[1]
 
 
 QUALITIES: dict[str, RenderSettings] = {
@@ -188,7 +218,7 @@ class Renderer:
             self._model, data, self._option, None, self._camera, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
         )
         if view is not None:
-            view.apply(self._scene.camera, self._rect.width, self._rect.height)
+            view.apply(self._scene, self._rect.width, self._rect.height)
         mujoco.mjr_render(self._rect, self._scene, self._context)
         mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
         return self._pixels[::-1].copy()

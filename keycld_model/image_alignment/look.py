@@ -38,14 +38,16 @@ class LookParameter:
         return self.name if self.body is not None else f"camera: {self.name}"
 
 
-CAMERA = ("right", "up", "zoom", "aspect", "roll", "pitch", "yaw")
+PARALLAX = ("aside", "above", "nearer")
+"""Parameters of the camera that move what is behind the mechanism, and not the mechanism."""
+CAMERA = ("right", "up", "zoom", "aspect", "roll", "pitch", "yaw", *PARALLAX)
 """The first parameters, those of `View`."""
 BLUR = "blur"
 """The last one: the variance of a Gaussian that an image is blurred by, which differences are linear in."""
 
 
 def look_parameters(model: mujoco.MjModel, size: tuple[int, int]) -> tuple[LookParameter, ...]:
-    """Of a model whose images have a size (H, W): seven of the camera, a length of every link that turns, and blur."""
+    """Of a model whose images have a size (H, W): ten of the camera, a length of every link that turns, and blur."""
     turning = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
     return (
         LookParameter("right", 0.05 * size[1], "px"),
@@ -55,6 +57,7 @@ def look_parameters(model: mujoco.MjModel, size: tuple[int, int]) -> tuple[LookP
         LookParameter("roll", 0.1, "rad"),
         LookParameter("pitch", 0.05, "rad"),
         LookParameter("yaw", 0.05, "rad"),
+        *(LookParameter(name, 0.05, "of the distance") for name in PARALLAX),
         *(
             LookParameter(f"visible length of {model.body(b).name}", 0.15, "of the simulator's", True, b)
             for b in dict.fromkeys(turning)
@@ -63,12 +66,17 @@ def look_parameters(model: mujoco.MjModel, size: tuple[int, int]) -> tuple[LookP
     )
 
 
-def view_of(values: Array) -> View:
-    """How the camera sees, of the values of all parameters; as the simulator's, if there are none."""
+def view_of(values: Array, distance: float = 1.0) -> View:
+    """How the camera sees, of the values of all parameters; as the simulator's, if there are none.
+
+    Args:
+        values: `[p]`.
+        distance: of the mechanism from the simulator's camera, m.
+    """
     if not len(values):
         return View()
-    right, up, zoom, aspect, roll, pitch, yaw = (float(v) for v in values[: len(CAMERA)])
-    return View(right, up, float(np.exp(zoom)), float(np.exp(aspect)), roll, pitch, yaw)
+    right, up, zoom, aspect, *angles = (float(v) for v in values[: len(CAMERA)])
+    return View(right, up, float(np.exp(zoom)), float(np.exp(aspect)), *angles, distance=distance)
 
 
 def pixels_of(points: Array, values: Array, size: tuple[int, int], focal: float) -> Array:

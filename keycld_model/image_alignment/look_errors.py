@@ -8,7 +8,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from keycld_model.image_alignment.look import BLUR, LookParameter
+from keycld_model.image_alignment.look import BLUR, PARALLAX, LookParameter
 from keycld_model.image_alignment.scene import Scene
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class LookErrors:
     poses that they were not fitted to show nothing.
 
     Attributes:
-        parameters: of the look, but for blur, which moves nothing.
+        parameters: of the look, but for blur and parallax, which do not move a mechanism.
         hinges: `[nq]` whether a joint is one.
         coefficients: `[terms, nq, p]` rad or m per standard deviation.
     """
@@ -61,7 +61,7 @@ class LookErrors:
             hinges: `[nq]` whether a joint is one.
             changes: at the positions.
         """
-        seen = [k for k, parameter in enumerate(parameters) if parameter.name != BLUR]
+        seen = [k for k, parameter in enumerate(parameters) if parameter.name not in (BLUR, *PARALLAX)]
         terms = _terms(np.stack([change.q for change in changes]), hinges)
         scaled = np.stack([change.of_look for change in changes])[..., seen] * deviation[seen]
         normal = terms.T @ terms + RIDGE * len(terms) * np.eye(terms.shape[1])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from keycld_envs.projection import focal_length, pose, world_to_image
+from keycld_envs.projection import distance_of_links, focal_length, pose, world_to_image
 from keycld_envs.rendering import Quality, Renderer
 from keycld_model.image_alignment.look import CAMERA, lengthen, look_parameters, pixels_of, view_of
 
@@ -72,6 +72,9 @@ class Scene:
         self._data = mujoco.MjData(self._drawn)
         self._renderer = Renderer(self._drawn, size[1], size[0], quality)
         self._lengths = self.nominal
+        self._focal = focal_length(model, camera, size[0])
+        self._place(np.zeros(model.nq), self.nominal)
+        self._distance = distance_of_links(self._drawn, self._data, camera)
 
     def __enter__(self) -> "Scene":
         return self
@@ -83,7 +86,8 @@ class Scene:
     def render(self, q: Array, values: Array, soft: float = 0.0) -> Image:
         """The image `[H, W, 3]`, 0 to 255, at joint positions `[nq]` with a look `[p]`, softened by so many pixels."""
         self._place(q, values)
-        image = self._renderer.render(self._data, self._camera, view_of(values)).astype(np.float32)
+        view = view_of(values, self._distance)
+        image = self._renderer.render(self._data, self._camera, view).astype(np.float32)
         return softened(image, float(np.sqrt(values[-1] + soft**2)))
 
     def jacobian(self, q: Array, values: Array, steps: Array, there: Image, soft: float = 0.0) -> Slopes:
@@ -127,8 +131,7 @@ class Scene:
         height, width = self.size
         ends = self._ends(q, values) * [2 / (width - 1), 2 / (height - 1)]
         along = np.linspace(0.0, 1.0, 21)[:, None, None]
-        focal = focal_length(self.model, self._camera, height)
-        x, y = np.moveaxis(pixels_of(ends[0] + along * (ends[1] - ends[0]), values, self.size, focal), -1, 0)
+        x, y = np.moveaxis(pixels_of(ends[0] + along * (ends[1] - ends[0]), values, self.size, self._focal), -1, 0)
         share = np.mean((x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5), axis=0)
         link = self.model.body_weldid[self.model.geom_bodyid[self._moving]]
         joints = self.model.body_weldid[self.model.jnt_bodyid]
@@ -146,8 +149,20 @@ class Scene:
     def look_steps(self) -> Array:
         """Steps of finite differences: each moves what is seen by about `STEP` pixels."""
         half = max(self.size) / 2
-        keystone = half**2 / min(focal_length(self.model, self._camera, self.size[0]), FLATTEST * half)
-        pixels = [1.0, 1.0, half, half, half, keystone, keystone]
+        focal = min(self._focal, FLATTEST * half)
+        keystone = half**2 / focal
+        pixels = [
+            1.0,
+            1.0,
+            half,
+            half,
+            half,
+            keystone,
+            keystone,
+            focal / 2,
+            focal / 2,
+            half / 2,
+        ]  # of what is far behind
         pixels += [half / 2] * (len(self.parameters) - len(CAMERA) - 1)
         return np.array([STEP / p for p in pixels] + [BLUR_STEP])
 

@@ -40,10 +40,10 @@ OUTLIER = 3.0
 """Grey levels beyond which a difference counts linearly: what passed by is left in a mean."""
 REACH = 0.3
 """Standard deviation of the first looks of the search, in steps of finite differences: some .2 pixels."""
-POPULATION = 30
-"""Looks of a generation: twice and more what is usual for eight numbers, for the misfit is rough."""
-GENERATIONS = 45
-"""Of the search; the spread of looks is a fiftieth by then."""
+POPULATION = 36
+"""Looks of a generation: three times what is usual for eleven numbers, for the misfit is rough."""
+GENERATIONS = 80
+"""Of the search."""
 POLISH = (0.3, -0.15)
 """First steps of the simplex searches after it, in steps of finite differences."""
 EVALUATIONS = 300

@@ -1,10 +1,14 @@
 """Cameras that see otherwise than the model says."""
 
+import copy
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from keycld_envs.projection import focal_length
+from keycld_envs.projection import focal_length, pose
 from keycld_envs.rendering import Renderer, View
 from keycld_envs.systems import get_system
 
@@ -23,8 +27,11 @@ MIDDLE = (SIZE - 1) / 2
         View(roll=0.1),
         View(pitch=0.3),
         View(yaw=0.3),
+        View(aside=0.3, distance=2.5),
+        View(above=-0.3, nearer=0.2, distance=2.5),
         View(3.0, 2.0, 1.1, 0.9, 0.1),
         View(3.0, 2.0, 1.0, 0.9, 0.1, -0.1, 0.08),
+        View(3.0, 2.0, 1.0, 0.9, 0.1, -0.1, 0.08, 0.1, -0.1, 0.1, 2.5),
     ],
 )
 def test_content_moves_as_the_view_says(view):
@@ -32,17 +39,50 @@ def test_content_moves_as_the_view_says(view):
     model = system.compile()
     model.geom_rgba[:], model.geom_matid[:] = 0, -1
     model.geom_rgba[model.geom("mass").id] = 1
-    data = mujoco.MjData(model)
-    data.qpos[:] = 0.7
-    mujoco.mj_forward(model, data)
+    model.light_active[:], model.vis.headlight.ambient[:] = 0, 1  # as bright on every side
+    model.vis.headlight.diffuse[:] = model.vis.headlight.specular[:] = 0
+    data, focal, off = mujoco.MjData(model), focal_length(model, system.camera, SIZE), []
     renderer = Renderer(model, SIZE, SIZE, "fast")
     try:
         renderer._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 0
-        before, after = (_centre(renderer.render(data, system.camera, v)) for v in (None, view))
+        for angle in np.arange(0.1, 6.2, 0.5):
+            data.qpos[:] = angle
+            mujoco.mj_forward(model, data)
+            before, after = (_centre(renderer.render(data, system.camera, v)) for v in (None, view))
+            off.append(np.subtract(after, view.place(*before, focal)))
     finally:
         renderer.close()
-    focal = focal_length(model, system.camera, SIZE)
-    assert after == pytest.approx(view.place(*before, focal), abs=0.05)
+    assert np.abs(np.mean(off, axis=0)).max() < 0.05
+    assert np.abs(off).max() < 0.15  # a disc is drawn with four samples to a pixel
+
+
+@pytest.mark.render
+def test_a_view_is_what_a_camera_sees_that_stands_and_looks_elsewhere():
+    system = get_system("cartpole")
+    model = system.compile()
+    moved, camera, data = copy.copy(model), model.camera(system.camera).id, mujoco.MjData(model)
+    pose(model, data, [0.3, 0.5])
+    focal, distance, (right, up, forward) = focal_length(model, system.camera, SIZE), 6.0, np.array([0.4, -0.3, 0.2])
+    turn = Rotation.from_euler("YX", [-0.06, 0.08])  # to the right, then up
+    axes = data.cam_xmat[camera].reshape(3, 3)
+    moved.cam_pos[camera] += axes @ [right, up, -forward]
+    moved.cam_quat[camera] = Rotation.from_matrix(axes @ turn.as_matrix()).as_quat(scalar_first=True)
+    nearer = forward / distance
+    view = View(0, 0, 1 / (1 - nearer), 1, 0, 0.08, 0.06, right / distance, up / distance, nearer, distance)
+    ahead = turn.inv().apply([-right / distance, -up / distance, nearer - 1])  # what was in the middle
+    seen = focal * ahead[:2] / -ahead[2]
+    view = replace(view, right=seen[0], up=seen[1])
+    assert np.abs(_image(moved, system.camera, None).astype(float) - _image(model, system.camera, view)).max() <= 1
+
+
+def _image(model, camera, view):
+    """Of a cart and a pole."""
+    data, renderer = mujoco.MjData(model), Renderer(model, SIZE, SIZE, "fast")
+    try:
+        pose(model, data, [0.3, 0.5])
+        return renderer.render(data, camera, view)
+    finally:
+        renderer.close()
 
 
 def test_content_is_placed_as_pinhole_cameras_see_it():

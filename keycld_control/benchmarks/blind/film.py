@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors
 from keycld_envs.disturbance import Disturbance
-from keycld_envs.rendering import Renderer
+from keycld_envs.projection import distance_of_links
+from keycld_envs.rendering import Renderer, View
 from keycld_envs.systems import get_system
 
 Array = NDArray[np.float64]
@@ -36,9 +37,15 @@ class Film(Disturbance):
 
     Attributes:
         shifted: light, noise and compression are far from the simulator's.
+        aside: the camera stands farther right by so much of the mechanism's distance.
+        above: and upwards.
+        nearer: and forwards.
     """
 
     shifted: bool
+    aside: float = 0.0
+    above: float = 0.0
+    nearer: float = 0.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> "Film":
@@ -59,7 +66,14 @@ class Film(Disturbance):
             pitch=float(rng.normal(0, 0.02)),
             yaw=float(rng.normal(0, 0.02)),
             shifted=shifted,
+            aside=float(rng.normal(0, 0.02)),
+            above=float(rng.normal(0, 0.02)),
+            nearer=float(rng.normal(0, 0.02)),
         )
+
+    def seen_from(self, distance: float) -> View:
+        """How a mechanism is seen at a distance from the simulator's camera, m."""
+        return replace(self.view, aside=self.aside, above=self.above, nearer=self.nearer, distance=distance)
 
     def answer(self) -> dict[str, Any]:
         """All numbers."""
@@ -82,6 +96,8 @@ class Studio:
         lengthen(self._model, errors)
         self._data = mujoco.MjData(self._model)
         self._renderer = Renderer(self._model, SIZE, SIZE, "fast")
+        self._place(np.zeros(self._model.nq))
+        self._distance = distance_of_links(self._model, self._data, self._camera)
 
     def __enter__(self) -> "Studio":
         return self
@@ -91,10 +107,10 @@ class Studio:
 
     def shoot(self, positions: Array, film: Film, rng: np.random.Generator) -> NDArray[np.uint8]:
         """Frames `[T, H, W, 3]` of positions `[T, nv]`."""
-        out = []
+        out, view = [], film.seen_from(self._distance)
         for q in positions:
             self._place(q)
-            out.append(film.develop(self._renderer.render(self._data, self._camera, film.view), rng))
+            out.append(film.develop(self._renderer.render(self._data, self._camera, view), rng))
         return np.stack(out)
 
     def reading_deviation(self, positions: Array, film: Film, rng: np.random.Generator) -> Array:
