@@ -121,7 +121,8 @@ def fit_look(
             state = _stepped(scene, state, soft, camera, blur=camera and schedule is SHARP)
             if advance is not None and turn < 2:
                 advance()
-        told = surroundings.camera(scene, state.values, [s.pose.q for s in state.samples]) if turn else None
+        q = [s.pose.q for s in state.samples]
+        told = surroundings.camera(scene, state.values, q, found=not camera) if turn else None
         if told is not None:
             state, camera = _with_camera(scene, state, told), False
         state, moved = _again(scene, state)

@@ -77,13 +77,14 @@ class Surroundings:
             moved |= spread > RESTLESS * usual + 1
         return cls(tuple(means), tuple(noise), ~_widened(moved))
 
-    def camera(self, scene: Scene, look: Array, drawn_at: Sequence[Array]) -> Array | None:
+    def camera(self, scene: Scene, look: Array, drawn_at: Sequence[Array], found: bool = False) -> Array | None:
         """The look `[p]` with the camera and the blur with which still pixels are drawn as they are seen.
 
         Args:
             scene: that draws.
             look: `[p]`, off by less than a pixel.
             drawn_at: positions `[nq]` of the mechanism in some frames.
+            found: the look is one that was found here before, with other positions.
 
         Returns:
             None where too little is still, or the drawing leaves more than noise.
@@ -102,11 +103,15 @@ class Surroundings:
         free = np.array([*range(len(CAMERA)), len(look) - 1])
         steps = np.zeros((len(free), len(look)))
         steps[np.arange(len(free)), free] = scene.look_steps()[free]
-        found, left = _searched(lambda look: _misfit(scene.render(drawn_at[0], look)[still], shown), look, steps)
-        return found if left < NOISE * (noise / len(lights) + ROUNDED) else None
+
+        def misfit(look: Array) -> float:
+            return _misfit(scene.render(drawn_at[0], look)[still], shown)
+
+        best, left = _searched(misfit, look, steps, 0 if found else GENERATIONS)
+        return best if left < NOISE * (noise / len(lights) + ROUNDED) else None
 
 
-def _searched(misfit: Callable[[Array], float], look: Array, steps: Array) -> tuple[Array, float]:
+def _searched(misfit: Callable[[Array], float], look: Array, steps: Array, generations: int) -> tuple[Array, float]:
     """A look `[p]` with the least misfit, near another, moved by multiples of steps `[k, p]`; blur is not negative.
 
     There are steps in the misfit, so that methods that go downhill end beside the least one. A population does not
@@ -122,7 +127,7 @@ def _searched(misfit: Callable[[Array], float], look: Array, steps: Array) -> tu
 
     here = np.zeros(len(steps))
     population = CMA(here, REACH, population_size=POPULATION, seed=0)
-    for _ in range(GENERATIONS):
+    for _ in range(generations):
         some = [population.ask() for _ in range(POPULATION)]
         population.tell([(z, of(z)) for z in some])
     best, least = min(((z, of(z)) for z in (here, population.mean)), key=lambda found: found[1])
