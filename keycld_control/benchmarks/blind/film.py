@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors
 from keycld_envs.disturbance import Disturbance
-from keycld_envs.projection import distance_of_links
 from keycld_envs.rendering import Renderer, View
 from keycld_envs.systems import get_system
 
@@ -96,8 +95,7 @@ class Studio:
         lengthen(self._model, errors)
         self._data = mujoco.MjData(self._model)
         self._renderer = Renderer(self._model, SIZE, SIZE, "fast")
-        self._place(np.zeros(self._model.nq))
-        self._distance = distance_of_links(self._model, self._data, self._camera)
+        self._distance = self._depth()
 
     def __enter__(self) -> "Studio":
         return self
@@ -148,6 +146,14 @@ class Studio:
         depth = np.linalg.norm(self._data.cam_xpos[camera.id] - there, axis=-1)
         moved = [np.linalg.norm(self._ends(q + STEP * e) - there, axis=-1) for e in np.eye(len(q))]
         return np.array([focal * (m / depth).max() / STEP for m in moved])
+
+    def _depth(self) -> float:
+        """Of the links from the camera, on average and along its axis, m."""
+        self._place(np.zeros(self._model.nq))
+        camera = self._model.camera(self._camera).id
+        backward = self._data.cam_xmat[camera].reshape(3, 3)[:, 2]
+        links = self._data.geom_xpos[self._model.body_weldid[self._model.geom_bodyid] > 0]
+        return float(np.mean((self._data.cam_xpos[camera] - links) @ backward))
 
     def _ends(self, q: Array) -> Array:
         """Both ends `[2, G, 3]` of the axes of all geoms, m."""
