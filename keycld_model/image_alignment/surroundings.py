@@ -17,7 +17,7 @@ from scipy.special import huber
 
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import CAMERA
-from keycld_model.image_alignment.scene import Scene
+from keycld_model.image_alignment.scene import Scene, softened
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -38,12 +38,13 @@ ROUNDED = 1 / 12
 """Variance of rounding to whole grey levels."""
 OUTLIER = 3.0
 """Grey levels beyond which a difference counts linearly: what passed by is left in a mean."""
-REACH = 0.3
-"""Standard deviation of the first looks of the search, in steps of finite differences: some .2 pixels."""
+REACHES = ((1.5, 1.0), (0.0, 0.3))
+"""Of populations, one after the other: pixels by which images are softened, and the standard deviation of the first
+looks, in steps of finite differences: .7 pixels, then .2."""
 POPULATION = 36
 """Looks of a generation: three times what is usual for eleven numbers, for the misfit is rough."""
 GENERATIONS = 80
-"""Of the search."""
+"""Of a population."""
 POLISH = (0.3, -0.15)
 """First steps of the simplex searches after it, in steps of finite differences."""
 EVALUATIONS = 300
@@ -96,48 +97,68 @@ class Surroundings:
             return None
         usual = drawn.mean(axis=0)[still]
         lights = [Light.of(usual, mean[still]) for mean in self.mean]
-        shown = np.mean([(m[still] - light.offset) / light.gain for m, light in zip(self.mean, lights, strict=True)], 0)
+        seen = [(mean - light.offset) / light.gain for mean, light in zip(self.mean, lights, strict=True)]
+        shown = np.asarray(np.mean(seen, axis=0), np.float32)
         noise = np.mean([n / np.mean(light.gain) ** 2 for n, light in zip(self.noise, lights, strict=True)])
-        if _misfit(np.zeros_like(usual), shown) < FLAT:
+        if _misfit(np.zeros_like(usual), shown[still]) < FLAT:
             return None
         free = np.array([*range(len(CAMERA)), len(look) - 1])
         steps = np.zeros((len(free), len(look)))
         steps[np.arange(len(free)), free] = scene.look_steps()[free]
 
-        def misfit(look: Array) -> float:
-            return _misfit(scene.render(drawn_at[0], look)[still], shown)
+        def misfit(soft: float) -> Callable[[Array], float]:
+            there = _blended(shown, still, soft)
+            return lambda look: _misfit(_blended(scene.render(drawn_at[0], look), still, soft), there)
 
-        best, left = _searched(misfit, look, steps, 0 if found else GENERATIONS)
+        for soft, reach in () if found else REACHES:
+            look = _roughly(misfit(soft), look, steps, reach)
+        best, left = _polished(misfit(0.0), look, steps)
         return best if left < NOISE * (noise / len(lights) + ROUNDED) else None
 
 
-def _searched(misfit: Callable[[Array], float], look: Array, steps: Array, generations: int) -> tuple[Array, float]:
-    """A look `[p]` with the least misfit, near another, moved by multiples of steps `[k, p]`; blur is not negative.
+def _blended(image: Image, still: NDArray[np.bool_], soft: float) -> Image:
+    """Still pixels `[pixels, 3]` of an image, softened among themselves."""
+    if not soft:
+        return image[still]
+    weight = still.astype(np.float32)[..., None]
+    soft_image, soft_weight = softened(image * weight, soft), softened(weight, soft)
+    return np.asarray((soft_image / np.maximum(soft_weight, np.float32(1e-6)))[still], np.float32)
 
-    There are steps in the misfit, so that methods that go downhill end beside the least one. A population does not
-    (CMA-ES; Hansen and Ostermeier, 2001); simplex searches (Nelder and Mead, 1965) go on from it.
+
+def _moved(look: Array, z: Array, steps: Array) -> Array:
+    """A look moved by multiples of steps `[k, p]`; blur is not negative."""
+    there = look + z @ steps
+    return np.append(there[:-1], max(0.0, there[-1]))
+
+
+def _roughly(misfit: Callable[[Array], float], look: Array, steps: Array, reach: float) -> Array:
+    """A look `[p]` with a small misfit, near another, or that one.
+
+    There are steps in the misfit, so that methods that go downhill end beside the least one; a population does not
+    (CMA-ES; Hansen and Ostermeier, 2001).
     """
+    population = CMA(np.zeros(len(steps)), reach, population_size=POPULATION, seed=0)
+    for _ in range(GENERATIONS):
+        some = [population.ask() for _ in range(POPULATION)]
+        population.tell([(z, misfit(_moved(look, z, steps))) for z in some])
+    return min((look, _moved(look, population.mean, steps)), key=misfit)
 
-    def moved(z: Array) -> Array:
-        there = look + z @ steps
-        return np.append(there[:-1], max(0.0, there[-1]))
+
+def _polished(misfit: Callable[[Array], float], look: Array, steps: Array) -> tuple[Array, float]:
+    """A look with the least misfit nearby, and that misfit, by simplex searches (Nelder and Mead, 1965)."""
 
     def of(z: Array) -> float:
-        return misfit(moved(z))
+        return misfit(_moved(look, z, steps))
 
     here = np.zeros(len(steps))
-    population = CMA(here, REACH, population_size=POPULATION, seed=0)
-    for _ in range(generations):
-        some = [population.ask() for _ in range(POPULATION)]
-        population.tell([(z, of(z)) for z in some])
-    best, least = min(((z, of(z)) for z in (here, population.mean)), key=lambda found: found[1])
+    best, least = here, of(here)
     for reach in POLISH:
         simplex = best + reach * np.vstack([here, np.eye(len(here))])
         options = {"maxfev": EVALUATIONS, "xatol": 0.002, "fatol": 1e-4, "initial_simplex": simplex}
         found = minimize(of, best, method="Nelder-Mead", options=options)
         if found.fun < least:
             best, least = found.x, float(found.fun)
-    return moved(best), least
+    return _moved(look, best, steps), least
 
 
 def _widened(moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -145,11 +166,8 @@ def _widened(moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(binary_dilation(moved, iterations=AROUND), bool)
 
 
-def _misfit(drawn: Image, shown: Array) -> float:
+def _misfit(drawn: Image, shown: Image) -> float:
     """Mean square of what is shown and not drawn, `[pixels, 3]`, in any light; large differences count linearly."""
-    total = 0.0
-    for x, y in zip(drawn.T, shown.T, strict=True):
-        columns = np.stack([x, np.ones(len(x))], axis=1)
-        left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
-        total += float(np.mean(2 * huber(OUTLIER, left)))
-    return total / drawn.shape[1]
+    x, y = drawn - drawn.mean(axis=0), shown - shown.mean(axis=0)
+    gain = np.sum(x * y, axis=0) / np.maximum(np.sum(x**2, axis=0), 1e-9)
+    return float(2 * np.mean(huber(OUTLIER, y - gain * x)))
