@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import CAMERA
-from keycld_model.image_alignment.pose import FINEST, OUTLIER, Pose, align, robust_weights
+from keycld_model.image_alignment.pose import FINEST, OUTLIER, TRUSTED, Pose, align, robust_weights
 from keycld_model.image_alignment.scene import STEP, Scene, softened
 from keycld_model.image_alignment.surroundings import Surroundings
 
@@ -124,8 +124,10 @@ def fit_look(
         q = [s.pose.q for s in state.samples]
         told = surroundings.camera(scene, state.values, q, found=not camera) if turn else None
         if told is not None:
-            state, camera = _with_camera(scene, state, told), False
+            state = _with_camera(scene, state, told)
         state, moved = _again(scene, state)
+        if told is not None:  # with another camera than that, poses explain little
+            camera = bool(np.median([s.pose.explained for s in state.samples if s.seen] or 0.0) < TRUSTED)
         if turn and moved <= FEW and state.moves <= SETTLED:
             break
     of_each = [[s.pose for s in state.samples if s.recording == r] for r in range(len(stills))]

@@ -109,7 +109,8 @@ def read_positions(
     """Read joint positions off frames: a simulator is drawn, and moved until its picture is that of each frame.
 
     Neither sensors nor a learned model are needed. The camera's shift, zoom, aspect, roll, pitch and yaw, where it
-    stands, the visible lengths of links, blur, and the brightness of each recording are fitted to frames of all recordings first.
+    stands, the visible lengths of links, blur, and the brightness of each recording are fitted to frames of all
+    recordings first.
 
     Args:
         recordings: with frames; joint positions that they have are not looked at.
