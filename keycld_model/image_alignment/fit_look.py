@@ -115,19 +115,20 @@ def fit_look(
         Sample(r, f, find_pose(scene, values, lights[r], f, bank, lights[r].apply(bank.still))) for r, f in frames
     ]
     state = _State(values, np.full(len(values), np.inf), lights, bank, samples, np.inf)
-    camera = True
+    loose: Array | None = None
     for turn, schedule in enumerate((COARSE, *[SHARP] * ROUNDS)):
         for soft in schedule:
-            state = _stepped(scene, state, soft, camera, blur=camera and schedule is SHARP)
+            state = _stepped(scene, state, soft, loose, blur=loose is None and schedule is SHARP)
             if advance is not None and turn < 2:
                 advance()
         q = [s.pose.q for s in state.samples]
-        told = surroundings.camera(scene, state.values, q, found=not camera) if turn else None
+        told = surroundings.camera(scene, state.values, q, found=loose is not None) if turn else None
         if told is not None:
-            state = _with_camera(scene, state, told)
+            state = _with_camera(scene, state, told.look)
         state, moved = _again(scene, state)
         if told is not None:  # with another camera than that, poses explain little
-            camera = bool(np.median([s.pose.explained for s in state.samples if s.seen] or 0.0) < TRUSTED)
+            believed = np.median([s.pose.explained for s in state.samples if s.seen] or 0.0) >= TRUSTED
+            loose = told.loose if believed else None
         if turn and moved <= FEW and state.moves <= SETTLED:
             break
     of_each = [[s.pose for s in state.samples if s.recording == r] for r in range(len(stills))]
@@ -161,8 +162,11 @@ def _with_camera(scene: Scene, state: _State, look: Array) -> _State:
     return state._replace(values=look, moves=max(state.moves, float(moves.max())))
 
 
-def _stepped(scene: Scene, state: _State, soft: float, camera: bool, blur: bool) -> _State:
-    """After a step of Gauss-Newton on images softened by so many pixels, on the camera and on blur as well or not."""
+def _stepped(scene: Scene, state: _State, soft: float, loose: Array | None, blur: bool) -> _State:
+    """After a step of Gauss-Newton on images softened by so many pixels, on blur as well or not.
+
+    If the camera was told, only on what still pixels do not tell of it.
+    """
     values, samples = state.values, state.samples
     spread = np.array([p.spread for p in scene.parameters])
     lights = _lights(scene, state)
@@ -170,10 +174,8 @@ def _stepped(scene: Scene, state: _State, soft: float, camera: bool, blur: bool)
     seen = [part for part, s in zip(parts, samples, strict=True) if s.seen] or parts
     normal = np.diag(1 / spread**2) + sum(part.normal for part in seen)
     gradient = sum(part.gradient for part in seen) - (values - scene.nominal) / spread**2
-    free = np.flatnonzero(_free(scene, samples, camera, blur))
-    step = np.zeros(len(values))
-    if len(free):
-        step[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
+    free = _free(scene, samples, loose, blur)
+    step = free.T @ np.linalg.solve(free @ normal @ free.T, free @ gradient)
     step *= LONGEST / max(LONGEST, float(np.abs(step / spread).max()))
     step[-1] = max(step[-1], -values[-1])
     samples = [_moved(s, part, step) for s, part in zip(samples, parts, strict=True)]
@@ -196,12 +198,13 @@ def design_effect(left: Sequence[Array]) -> float:
     return max(1.0, n * common / max(total, 1e-30))  # 1 + (n - 1) r
 
 
-def _free(scene: Scene, samples: Sequence[Sample], camera: bool, blur: bool) -> NDArray[np.bool_]:
-    """Which parameters `[p]` a step changes; links that no pose explains yet would shrink until they do not disturb."""
+def _free(scene: Scene, samples: Sequence[Sample], loose: Array | None, blur: bool) -> Array:
+    """Directions `[k, p]` of a step; links that no pose explains yet would shrink until they do not disturb."""
     seen = any(s.seen for s in samples)
-    free = np.array([camera if parameter.body is None else seen for parameter in scene.parameters])
+    free = np.array([loose is None if parameter.body is None else seen for parameter in scene.parameters])
     free[-1] = blur
-    return free
+    directions = np.eye(len(free))[free]
+    return directions if loose is None else np.concatenate([directions, loose])
 
 
 def _moved(sample: Sample, part: "_Linear", step: Array) -> Sample:

@@ -57,6 +57,7 @@ class Scene:
         size: of images, (H, W).
         parameters: of its look.
         nominal: `[p]` their values in the simulator.
+        focal: length of the camera, pixels.
     """
 
     def __init__(self, model: mujoco.MjModel, camera: str, size: tuple[int, int], quality: Quality) -> None:
@@ -72,7 +73,7 @@ class Scene:
         self._data = mujoco.MjData(self._drawn)
         self._renderer = Renderer(self._drawn, size[1], size[0], quality)
         self._lengths = self.nominal
-        self._focal = focal_length(model, camera, size[0])
+        self.focal = focal_length(model, camera, size[0])
         self._place(np.zeros(model.nq), self.nominal)
         self._distance = distance_of_links(self._drawn, self._data, camera)
 
@@ -131,7 +132,7 @@ class Scene:
         height, width = self.size
         ends = self._ends(q, values) * [2 / (width - 1), 2 / (height - 1)]
         along = np.linspace(0.0, 1.0, 21)[:, None, None]
-        x, y = np.moveaxis(pixels_of(ends[0] + along * (ends[1] - ends[0]), values, self.size, self._focal), -1, 0)
+        x, y = np.moveaxis(pixels_of(ends[0] + along * (ends[1] - ends[0]), values, self.size, self.focal), -1, 0)
         share = np.mean((x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5), axis=0)
         link = self.model.body_weldid[self.model.geom_bodyid[self._moving]]
         joints = self.model.body_weldid[self.model.jnt_bodyid]
@@ -149,7 +150,7 @@ class Scene:
     def look_steps(self) -> Array:
         """Steps of finite differences: each moves what is seen by about `STEP` pixels."""
         half = max(self.size) / 2
-        focal = min(self._focal, FLATTEST * half)
+        focal = min(self.focal, FLATTEST * half)
         keystone = half**2 / focal
         pixels = [
             1.0,

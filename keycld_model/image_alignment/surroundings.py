@@ -6,7 +6,7 @@ pixel off. What is still is compared without derivatives.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from cmaes import CMA
@@ -16,8 +16,8 @@ from scipy.optimize import minimize
 from scipy.special import huber
 
 from keycld_model.image_alignment.light import Light
-from keycld_model.image_alignment.look import CAMERA
-from keycld_model.image_alignment.scene import Scene, softened
+from keycld_model.image_alignment.look import CAMERA, view_of
+from keycld_model.image_alignment.scene import STEP, Scene, softened
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -34,6 +34,13 @@ FLAT = 1.0
 NOISE = 3.0
 """Times the noise of the mean, and the rounding of a drawing, that the drawing may leave; with more, the surroundings
 are not the simulator's, or compression leaves its marks on them, by which a camera is not told as exactly."""
+TELLING = 0.02
+"""Pixels by which still pixels must tell each number, at least; what they do not, the mechanism tells better."""
+ZOOM, NEARER = CAMERA.index("zoom"), CAMERA.index("nearer")
+SIDEWAYS = [CAMERA.index("aside"), CAMERA.index("above")]
+"""Where they are among the parameters; the first two shift an image."""
+FARTHEST = 1e6
+"""Pixels; a focal length that stands for an orthographic camera's."""
 ROUNDED = 1 / 12
 """Variance of rounding to whole grey levels."""
 OUTLIER = 3.0
@@ -49,6 +56,19 @@ POLISH = (0.3, -0.15)
 """First steps of the simplex searches after it, in steps of finite differences."""
 EVALUATIONS = 300
 """Drawings of such a search, at most."""
+
+
+class Told(NamedTuple):
+    """What still pixels tell of a look.
+
+    Attributes:
+        look: `[p]`.
+        loose: `[k, p]` directions in which they do not tell it: where nothing near the mechanism is still, it may be
+            shifted or larger if the camera stands elsewhere.
+    """
+
+    look: Array
+    loose: Array
 
 
 @dataclass(frozen=True)
@@ -78,8 +98,8 @@ class Surroundings:
             moved |= spread > RESTLESS * usual + 1
         return cls(tuple(means), tuple(noise), ~_widened(moved))
 
-    def camera(self, scene: Scene, look: Array, drawn_at: Sequence[Array], found: bool = False) -> Array | None:
-        """The look `[p]` with the camera and the blur with which still pixels are drawn as they are seen.
+    def camera(self, scene: Scene, look: Array, drawn_at: Sequence[Array], found: bool = False) -> Told | None:
+        """The look with the camera and the blur with which still pixels are drawn as they are seen.
 
         Args:
             scene: that draws.
@@ -113,7 +133,23 @@ class Surroundings:
         for soft, reach in () if found else REACHES:
             look = _roughly(misfit(soft), look, steps, reach)
         best, left = _polished(misfit(0.0), look, steps)
-        return best if left < NOISE * (noise / len(lights) + ROUNDED) else None
+        if left >= NOISE * (noise / len(lights) + ROUNDED):
+            return None
+        ways, enough = _far_in_place(scene, best), max(left, ROUNDED) / (TELLING**2 * usual.size)
+        rises = [np.mean([misfit(0.0)(best + way), misfit(0.0)(best - way)]) - left for way in ways]
+        return Told(best, ways[np.array(rises) < enough])
+
+
+def _far_in_place(scene: Scene, look: Array) -> Array:
+    """Directions `[3, p]` in which a mechanism moves or grows by a pixel, and what is far away stays in place."""
+    view, focal = view_of(look), min(scene.focal, FARTHEST)
+    turned = np.array([[np.cos(view.roll), -np.sin(view.roll)], [np.sin(view.roll), np.cos(view.roll)]])
+    moves = focal * np.diag([view.zoom * view.aspect, view.zoom]) @ turned  # what is far, if the camera goes aside
+    out = np.zeros((3, len(look)))
+    out[:2, :2], out[:2, SIDEWAYS] = np.eye(2), -np.linalg.inv(moves).T
+    larger = scene.look_steps()[ZOOM] / STEP
+    out[2, [ZOOM, NEARER]], out[2, :2] = larger, -larger * (moves @ look[SIDEWAYS])
+    return out
 
 
 def _blended(image: Image, still: NDArray[np.bool_], soft: float) -> Image:

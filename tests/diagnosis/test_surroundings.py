@@ -1,5 +1,7 @@
 """The camera, told from what does not move."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from films import film
@@ -32,11 +34,24 @@ def filmed():
 def test_still_pixels_tell_the_camera_far_better_than_a_step_of_a_drawing(filmed):
     films, positions = filmed
     with Scene(get_system("cartpole").compile(), "fixed", (64, 64), "fast") as scene:
-        look = Surroundings.of(films).camera(scene, TRUE + OFF, positions)
-        assert look is not None
-        pixels = 0.7 * np.abs((look - TRUE) / scene.look_steps())[:10]
+        told = Surroundings.of(films).camera(scene, TRUE + OFF, positions)
+        assert told is not None
+        pixels = 0.7 * np.abs((told.look - TRUE) / scene.look_steps())[:10]
     assert pixels.max() < 0.01
-    assert look[10] == 0.0  # links move
+    assert told.look[10] == 0.0  # links move
+    assert not len(told.loose)
+
+
+@pytest.mark.render
+def test_where_all_that_is_still_is_far_away_a_mechanism_may_be_shifted(filmed):
+    films, positions = filmed
+    far = Surroundings.of(films)
+    still = far.still & (np.arange(64) < 24)[:, None]  # no rail, and no floor near it
+    with Scene(get_system("cartpole").compile(), "fixed", (64, 64), "fast") as scene:
+        told = replace(far, still=still).camera(scene, TRUE, positions)
+    assert told is not None and len(told.loose)
+    names = [p.name for p in scene.parameters]
+    assert all(way[names.index("pitch")] == 0.0 for way in told.loose)
 
 
 @pytest.mark.render
