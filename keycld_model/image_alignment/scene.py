@@ -152,19 +152,9 @@ class Scene:
         half = max(self.size) / 2
         focal = min(self.focal, FLATTEST * half)
         keystone = half**2 / focal
-        pixels = [
-            1.0,
-            1.0,
-            half,
-            half,
-            half,
-            keystone,
-            keystone,
-            focal / 2,
-            focal / 2,
-            half / 2,
-        ]  # of what is far behind
-        pixels += [half / 2] * (len(self.parameters) - len(CAMERA) - 1)
+        far = [focal / 2, focal / 2, half / 2]  # of what is as far behind the mechanism as the camera is before it
+        lengths = [half / 2] * (len(self.parameters) - len(CAMERA) - 1)
+        pixels = [1.0, 1.0, half, half, half, keystone, keystone, *far, *lengths]
         return np.array([STEP / p for p in pixels] + [BLUR_STEP])
 
     def _place(self, q: Array, values: Array) -> None:

@@ -103,7 +103,7 @@ class Surroundings:
 
         Args:
             scene: that draws.
-            look: `[p]`, off by less than a pixel.
+            look: `[p]`, off by two pixels at most.
             drawn_at: positions `[nq]` of the mechanism in some frames.
             found: the look is one that was found here before, with other positions.
 
@@ -127,16 +127,18 @@ class Surroundings:
         steps[np.arange(len(free)), free] = scene.look_steps()[free]
 
         def misfit(soft: float) -> Callable[[Array], float]:
-            there = _blended(shown, still, soft)
-            return lambda look: _misfit(_blended(scene.render(drawn_at[0], look), still, soft), there)
+            of_still = _among(still, soft)
+            there = of_still(shown)
+            return lambda look: _misfit(of_still(scene.render(drawn_at[0], look)), there)
 
         for soft, reach in () if found else REACHES:
             look = _roughly(misfit(soft), look, steps, reach)
-        best, left = _polished(misfit(0.0), look, steps)
+        sharp = misfit(0.0)
+        best, left = _polished(sharp, look, steps)
         if left >= NOISE * (noise / len(lights) + ROUNDED):
             return None
         ways, enough = _far_in_place(scene, best), max(left, ROUNDED) / (TELLING**2 * usual.size)
-        rises = [np.mean([misfit(0.0)(best + way), misfit(0.0)(best - way)]) - left for way in ways]
+        rises = [np.mean([sharp(best + way), sharp(best - way)]) - left for way in ways]
         return Told(best, ways[np.array(rises) < enough])
 
 
@@ -152,13 +154,13 @@ def _far_in_place(scene: Scene, look: Array) -> Array:
     return out
 
 
-def _blended(image: Image, still: NDArray[np.bool_], soft: float) -> Image:
-    """Still pixels `[pixels, 3]` of an image, softened among themselves."""
+def _among(still: NDArray[np.bool_], soft: float) -> Callable[[Image], Image]:
+    """What takes still pixels `[pixels, 3]` out of an image, softened among themselves."""
     if not soft:
-        return image[still]
+        return lambda image: image[still]
     weight = still.astype(np.float32)[..., None]
-    soft_image, soft_weight = softened(image * weight, soft), softened(weight, soft)
-    return np.asarray((soft_image / np.maximum(soft_weight, np.float32(1e-6)))[still], np.float32)
+    total = np.maximum(softened(weight, soft), np.float32(1e-6))[still]
+    return lambda image: np.asarray(softened(image * weight, soft)[still] / total, np.float32)
 
 
 def _moved(look: Array, z: Array, steps: Array) -> Array:
