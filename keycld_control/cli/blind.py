@@ -14,24 +14,24 @@ from keycld_control.cli._output import print_result
 class Args:
     """Measure the diagnosis on sealed cases with known missing physics.
 
-    `make` writes cases and their answers; `run` diagnoses all cases without opening the answers; `score` compares. Both
-    of the first continue where they stopped.
+    `make` writes cases and their answers; `run` diagnoses all cases without opening the answers; `score` compares;
+    `ideal` tells how many single effects anybody could name. All but `score` continue where they stopped.
 
     Attributes:
-        action: "make", "run", or "score".
+        action: "make", "run", "score", or "ideal".
         out: Folder of the benchmark.
         cases: make: number of cases.
         seed: make: determines every byte of the cases.
         observe: make: what is recorded, joint positions ("states") or frames alone ("pixels").
         only: make: categories of cases, by default all.
         method: run: "diagnose", "refit", "greedy", "sindy", "neural", or your own as module:function.
-        workers: make, run: number of processes; no figure but the seconds depends on it.
+        workers: make, run, ideal: number of processes; no figure but the seconds depends on it.
         ray: make, run: do it on a Ray cluster: "local", "auto" or host:port; all its machines must see the folder.
         partial: score: leave out cases that have no report yet.
         json: Print one JSON object.
     """
 
-    action: Positional[Literal["make", "run", "score"]]
+    action: Positional[Literal["make", "run", "score", "ideal"]]
     out: Positional[Path]
     cases: int = 300
     seed: int = 0
@@ -45,7 +45,7 @@ class Args:
 
 
 def run(args: Args) -> None:
-    """Make, run, or score."""
+    """Make, run, score, or tell what could be reached."""
     keep_compiled()
     from keycld_envs.errors import InputError
 
@@ -63,6 +63,15 @@ def run(args: Args) -> None:
         from keycld_control.benchmarks.blind.run import run as run_method
 
         print_result(run_method(args.out, args.method, args.workers, args.ray), as_json=args.json)
+    elif args.action == "ideal":
+        from keycld_control.benchmarks.blind.ideal_observer import ideal_observer
+        from keycld_control.benchmarks.blind.tables import print_ideal
+
+        best = ideal_observer(args.out, args.workers)
+        if args.json:
+            print_result(best, as_json=True)
+        else:
+            print_ideal(best)
     else:
         from keycld_control.benchmarks.blind.score import score
         from keycld_control.benchmarks.blind.tables import print_score

@@ -39,12 +39,19 @@ def gain(case: SealedCase, signals: Sequence[Signals], noise: Array) -> float:
     that is returned, a lower bound: more windows cannot leave less. `noise` `[nv]` is the standard deviation of the
     positions: of an encoder, or the least that frames allow.
     """
-    simulator = _simulator(case.plan.system, 1 / case.rate / np.ceil(1 / case.rate / (STEP + 1e-4)))
-    runs = enumerate(signals[:TRAINING])
-    clean = [recording(case, run, replace(s, noise=np.broadcast_to(case.zero, s.true.shape))) for run, s in runs]
-    problem = windowed(simulator, clean, JointPositions(simulator.model, noise))
+    problem = noiseless(case, signals[:TRAINING], noise)
     few = _misfit(case, at_most(problem, FIRST_WINDOWS), iterations=8)
     return few if few > ENOUGH else _misfit(case, at_most(problem), iterations=15)
+
+
+def noiseless(case: SealedCase, signals: Sequence[Signals], noise: Array) -> Problem:
+    """True positions of recordings, cut into windows and weighed as if they had a noise of `[nv]` rad or m."""
+    simulator = _simulator(case.plan.system, 1 / case.rate / np.ceil(1 / case.rate / (STEP + 1e-4)))
+    zero = case.zero
+    clean = [
+        recording(case, run, replace(s, noise=np.broadcast_to(zero, s.true.shape))) for run, s in enumerate(signals)
+    ]
+    return windowed(simulator, clean, JointPositions(simulator.model, noise))
 
 
 def _misfit(case: SealedCase, problem: Problem, iterations: int) -> float:

@@ -36,7 +36,7 @@ from keycld_envs.recordings import write_recording
 from keycld_envs.workers import each
 
 SCHEMA = "keycld.blind/1"
-GENERATOR = "2"
+GENERATOR = "3"
 """Raised whenever the same seed gives other recordings."""
 ROLLOUT = 160
 """Samples of a long rollout, whose initial state is fitted, for the error that nobody can beat."""

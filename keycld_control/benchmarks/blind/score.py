@@ -30,7 +30,7 @@ def score(out: Path, partial: bool = False) -> dict[str, Any]:
         InputError: if the answers are not those that the manifest sealed, or no method has run on all cases.
     """
     manifest = read_manifest(out)
-    answers = _answers(out, manifest)
+    answers = read_answers(out, manifest)
     methods = ["diagnose"] if (out / "reports").is_dir() else []
     methods += [p.name.removeprefix("reports-") for p in out.glob("reports-*")]
     if not methods:
@@ -44,7 +44,12 @@ def score(out: Path, partial: bool = False) -> dict[str, Any]:
     return result
 
 
-def _answers(out: Path, manifest: dict[str, Any]) -> list[dict[str, Any]]:
+def read_answers(out: Path, manifest: dict[str, Any]) -> list[dict[str, Any]]:
+    """The answers that a manifest sealed.
+
+    Raises:
+        InputError: if they are missing, or others.
+    """
     path = out / "answers.json"
     try:
         content = path.read_bytes()

@@ -26,6 +26,27 @@ def print_score(result: Mapping[str, Any]) -> None:
             console.print(f"{method}: {cases - scored['cases']} of {cases} cases have no report yet.")
 
 
+def print_ideal(result: Mapping[str, Any]) -> None:
+    """Print what comes nearest to each effect, and how many an ideal observer would name."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    console, table = Console(), Table(box=box.SIMPLE)
+    for column in ("case", "missing", "nearest of another name", "nats", "nearest elsewhere", "nats"):
+        table.add_column(column, justify="right" if column == "nats" else "left")
+    for told in result["told"]:
+        rivals = (told["nearest"], told["elsewhere"])
+        cells = (cell for r in rivals for cell in (f"{r['effect']} {r['joint']}", f"{r['nats']:.1f}"))
+        table.add_row(told["case"], f"{told['effect']} {told['joint']}", *cells)
+    console.print(table)
+    if result["cases"]:
+        shares = f"{result['name']:.3f}, places {result['place']:.3f}"
+        console.print(f"Of {result['cases']} clear single effects an ideal observer is expected to name {shares}.")
+    else:
+        console.print("No case has a single clear effect.")
+
+
 def markdown(result: Mapping[str, Any]) -> str:
     """The whole report."""
     manifest, methods = result["manifest"], list(result["methods"])
