@@ -122,14 +122,15 @@ def fit_look(
             if advance is not None and turn < 2:
                 advance()
         q = [s.pose.q for s in state.samples]
-        told = surroundings.camera(scene, state.values, q, found=loose is not None) if turn else None
+        told, before = surroundings.camera(scene, state.values, q, loose) if turn else None, loose
         if told is not None:
             state = _with_camera(scene, state, told.look)
         state, moved = _again(scene, state)
         if told is not None:  # with another camera than that, poses explain little
             believed = np.median([s.pose.explained for s in state.samples if s.seen] or 0.0) >= TRUSTED
             loose = told.loose if believed else None
-        if turn and moved <= FEW and state.moves <= SETTLED:
+        freer = before is not None and loose is not None and len(loose) > len(before)
+        if turn and moved <= FEW and state.moves <= SETTLED and not freer:
             break
     of_each = [[s.pose for s in state.samples if s.recording == r] for r in range(len(stills))]
     best = tuple(max(poses, key=lambda pose: pose.explained) for poses in of_each)

@@ -11,6 +11,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from cmaes import CMA
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 from scipy.ndimage import binary_dilation
 from scipy.optimize import minimize
 from scipy.special import huber
@@ -34,8 +35,10 @@ FLAT = 1.0
 NOISE = 3.0
 """Times the noise of the mean, and the rounding of a drawing, that the drawing may leave; with more, the surroundings
 are not the simulator's, or compression leaves its marks on them, by which a camera is not told as exactly."""
-TELLING = 0.02
-"""Pixels by which still pixels must tell each number, at least; what they do not, the mechanism tells better."""
+ROUGH = 0.0035
+"""By how much more than the least misfit a search may end, squares of grey levels: the most of 24 cameras."""
+TELLING = 0.15
+"""Pixels by which the mechanism may then be off at most; where it would be by more, it tells better itself."""
 ZOOM, NEARER = CAMERA.index("zoom"), CAMERA.index("nearer")
 SIDEWAYS = [CAMERA.index("aside"), CAMERA.index("above")]
 """Where they are among the parameters; the first two shift an image."""
@@ -98,14 +101,15 @@ class Surroundings:
             moved |= spread > RESTLESS * usual + 1
         return cls(tuple(means), tuple(noise), ~_widened(moved))
 
-    def camera(self, scene: Scene, look: Array, drawn_at: Sequence[Array], found: bool = False) -> Told | None:
+    def camera(self, scene: Scene, look: Array, drawn_at: Sequence[Array], loose: Array | None = None) -> Told | None:
         """The look with the camera and the blur with which still pixels are drawn as they are seen.
 
         Args:
             scene: that draws.
             look: `[p]`, off by two pixels at most.
             drawn_at: positions `[nq]` of the mechanism in some frames.
-            found: the look is one that was found here before, with other positions.
+            loose: the look is one that was found here before, with other positions, and in these directions `[k, p]`
+                told by the mechanism; it stays there.
 
         Returns:
             None where too little is still, or the drawing leaves more than noise.
@@ -122,24 +126,23 @@ class Surroundings:
         noise = np.mean([n / np.mean(light.gain) ** 2 for n, light in zip(self.noise, lights, strict=True)])
         if _misfit(np.zeros_like(usual), shown[still]) < FLAT:
             return None
-        free = np.array([*range(len(CAMERA)), len(look) - 1])
-        steps = np.zeros((len(free), len(look)))
-        steps[np.arange(len(free)), free] = scene.look_steps()[free]
+        steps = _searched(scene.look_steps(), loose)
 
         def misfit(soft: float) -> Callable[[Array], float]:
             of_still = _among(still, soft)
             there = of_still(shown)
             return lambda look: _misfit(of_still(scene.render(drawn_at[0], look)), there)
 
-        for soft, reach in () if found else REACHES:
+        for soft, reach in REACHES if loose is None else ():
             look = _roughly(misfit(soft), look, steps, reach)
         sharp = misfit(0.0)
         best, left = _polished(sharp, look, steps)
         if left >= NOISE * (noise / len(lights) + ROUNDED):
             return None
-        ways, enough = _far_in_place(scene, best), max(left, ROUNDED) / (TELLING**2 * usual.size)
-        rises = [np.mean([sharp(best + way), sharp(best - way)]) - left for way in ways]
-        return Told(best, ways[np.array(rises) < enough])
+        ways = _far_in_place(scene, best)
+        changes = [scene.render(drawn_at[0], best + way) - scene.render(drawn_at[0], best - way) for way in ways]
+        rises, of_ways = np.linalg.eigh(_rises(usual, [np.float32(0.5) * change[still] for change in changes]))
+        return Told(best, (of_ways.T @ ways)[rises < ROUGH / TELLING**2])
 
 
 def _far_in_place(scene: Scene, look: Array) -> Array:
@@ -152,6 +155,14 @@ def _far_in_place(scene: Scene, look: Array) -> Array:
     larger = scene.look_steps()[ZOOM] / STEP
     out[2, [ZOOM, NEARER]], out[2, :2] = larger, -larger * (moves @ look[SIDEWAYS])
     return out
+
+
+def _searched(steps: Array, loose: Array | None) -> Array:
+    """Steps `[n, p]` of the camera and of blur, of finite differences `[p]`, in all directions but loose ones."""
+    free = np.array([*range(len(CAMERA)), len(steps) - 1])
+    out = np.zeros((len(free), len(steps)))
+    out[np.arange(len(free)), free] = steps[free]
+    return out if loose is None or not len(loose) else null_space(loose[:, free] / steps[free]).T @ out
 
 
 def _among(still: NDArray[np.bool_], soft: float) -> Callable[[Image], Image]:
@@ -202,6 +213,17 @@ def _polished(misfit: Callable[[Array], float], look: Array, steps: Array) -> tu
 def _widened(moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """With the pixels around."""
     return np.asarray(binary_dilation(moved, iterations=AROUND), bool)
+
+
+def _rises(drawn: Image, changes: Sequence[Image]) -> Array:
+    """Second derivatives `[k, k]`, halved, of the misfit of still pixels that change so `[pixels, 3]`, in any light."""
+    x = drawn - drawn.mean(axis=0)
+    steady = x / np.maximum(np.linalg.norm(x, axis=0), 1e-9)
+    out = []
+    for change in changes:
+        free = change - change.mean(axis=0)
+        out.append((free - steady * np.sum(steady * free, axis=0)).ravel())
+    return np.asarray(np.inner(out, out), np.float64) / drawn.size
 
 
 def _misfit(drawn: Image, shown: Image) -> float:
