@@ -15,7 +15,8 @@ class Args:
     """Measure the diagnosis on sealed cases with known missing physics.
 
     `make` writes cases and their answers; `run` diagnoses all cases without opening the answers; `score` compares;
-    `ideal` tells how many single effects anybody could name. All but `score` continue where they stopped.
+    `ideal` tells how many single effects can be told from the nearest other one. All but `score` continue where they
+    stopped.
 
     Attributes:
         action: "make", "run", "score", or "ideal".

@@ -129,7 +129,7 @@ def fit_look(
         if told is not None:  # with another camera than that, poses explain little
             believed = np.median([s.pose.explained for s in state.samples if s.seen] or 0.0) >= TRUSTED
             loose = told.loose if believed else None
-        freer = before is not None and loose is not None and len(loose) > len(before)
+        freer = loose is not None and len(loose) > (0 if before is None else len(before))
         if turn and moved <= FEW and state.moves <= SETTLED and not freer:
             break
     of_each = [[s.pose for s in state.samples if s.recording == r] for r in range(len(stills))]

@@ -38,12 +38,11 @@ are not the simulator's, or compression leaves its marks on them, by which a cam
 ROUGH = 0.0035
 """By how much more than the least misfit a search may end, squares of grey levels: the most of 24 cameras."""
 TELLING = 0.15
-"""Pixels by which the mechanism may then be off at most; where it would be by more, it tells better itself."""
+"""Pixels by which a camera that ends so may shift or enlarge the mechanism; what may do more is left to the mechanism,
+whose own fit to some frames is off by .1 at most."""
 ZOOM, NEARER = CAMERA.index("zoom"), CAMERA.index("nearer")
 SIDEWAYS = [CAMERA.index("aside"), CAMERA.index("above")]
 """Where they are among the parameters; the first two shift an image."""
-FARTHEST = 1e6
-"""Pixels; a focal length that stands for an orthographic camera's."""
 ROUNDED = 1 / 12
 """Variance of rounding to whole grey levels."""
 OUTLIER = 3.0
@@ -139,15 +138,22 @@ class Surroundings:
         best, left = _polished(sharp, look, steps)
         if left >= NOISE * (noise / len(lights) + ROUNDED):
             return None
-        ways = _far_in_place(scene, best)
-        changes = [scene.render(drawn_at[0], best + way) - scene.render(drawn_at[0], best - way) for way in ways]
-        rises, of_ways = np.linalg.eigh(_rises(usual, [np.float32(0.5) * change[still] for change in changes]))
+        ways, here = _far_in_place(scene, best), scene.render(drawn_at[0], best)
+        if not len(ways):
+            return Told(best, ways)
+        sides = ([scene.render(drawn_at[0], best + side * way)[still] for way in ways] for side in (1, -1))
+        rises, of_ways = np.linalg.eigh(np.mean([_rises(here[still], beside) for beside in sides], axis=0))
         return Told(best, (of_ways.T @ ways)[rises < ROUGH / TELLING**2])
 
 
 def _far_in_place(scene: Scene, look: Array) -> Array:
-    """Directions `[3, p]` in which a mechanism moves or grows by a pixel, and what is far away stays in place."""
-    view, focal = view_of(look), min(scene.focal, FARTHEST)
+    """Directions `[3, p]` in which a mechanism moves or grows by a pixel, and what is far away stays in place.
+
+    None for orthographic cameras, to which nothing is far away.
+    """
+    if not np.isfinite(scene.focal):
+        return np.zeros((0, len(look)))
+    view, focal = view_of(look), scene.focal
     turned = np.array([[np.cos(view.roll), -np.sin(view.roll)], [np.sin(view.roll), np.cos(view.roll)]])
     moves = focal * np.diag([view.zoom * view.aspect, view.zoom]) @ turned  # what is far, if the camera goes aside
     out = np.zeros((3, len(look)))
@@ -215,15 +221,15 @@ def _widened(moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(binary_dilation(moved, iterations=AROUND), bool)
 
 
-def _rises(drawn: Image, changes: Sequence[Image]) -> Array:
-    """Second derivatives `[k, k]`, halved, of the misfit of still pixels that change so `[pixels, 3]`, in any light."""
-    x = drawn - drawn.mean(axis=0)
+def _rises(here: Image, beside: Sequence[Image]) -> Array:
+    """Quadratic form `[k, k]` of the misfit between still pixels `[pixels, 3]` and others beside them, in any light."""
+    x = here - here.mean(axis=0)
     steady = x / np.maximum(np.linalg.norm(x, axis=0), 1e-9)
     out = []
-    for change in changes:
-        free = change - change.mean(axis=0)
+    for other in beside:
+        free = other - here - (other - here).mean(axis=0)
         out.append((free - steady * np.sum(steady * free, axis=0)).ravel())
-    return np.asarray(np.inner(out, out), np.float64) / drawn.size
+    return np.asarray(np.inner(out, out), np.float64) / here.size
 
 
 def _misfit(drawn: Image, shown: Image) -> float:

@@ -47,21 +47,19 @@ def gain(case: SealedCase, signals: Sequence[Signals], noise: Array) -> float:
 def noiseless(case: SealedCase, signals: Sequence[Signals], noise: Array) -> Problem:
     """True positions of recordings, cut into windows and weighed as if they had a noise of `[nv]` rad or m."""
     simulator = _simulator(case.plan.system, 1 / case.rate / np.ceil(1 / case.rate / (STEP + 1e-4)))
-    zero = case.zero
-    clean = [
-        recording(case, run, replace(s, noise=np.broadcast_to(zero, s.true.shape))) for run, s in enumerate(signals)
-    ]
+    exact = [replace(s, noise=np.broadcast_to(case.zero, s.true.shape)) for s in signals]
+    clean = [recording(case, run, s) for run, s in enumerate(exact)]
     return windowed(simulator, clean, JointPositions(simulator.model, noise))
 
 
 def _misfit(case: SealedCase, problem: Problem, iterations: int) -> float:
     """Nats that a refit leaves unexplained."""
-    fit, true = refit(problem, (), iterations), _true_nuisances(case, problem)
+    fit, true = refit(problem, (), iterations), true_nuisances(case, problem)
     prior = np.sum((fit.point.variant.values / problem.spreads) ** 2 - (true / problem.spreads) ** 2)
     return float(0.5 * (np.sum(problem.residual(fit.point) ** 2) + prior))
 
 
-def _true_nuisances(case: SealedCase, problem: Problem) -> Array:
+def true_nuisances(case: SealedCase, problem: Problem) -> Array:
     """The values of the nuisances in this case, logarithms of factors and zeros in rad or m."""
     model, errors = problem.simulator.model, {"mass": case.errors.mass, "length": case.errors.length}
     return np.array(

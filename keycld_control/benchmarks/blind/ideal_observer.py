@@ -1,4 +1,4 @@
-"""How many single effects anybody could name: by how many nats the true form beats the nearest other one."""
+"""How well single effects can be told at all: by how many nats the true form is likelier than the nearest other one."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -11,91 +11,99 @@ import numpy as np
 from scipy.stats import norm
 
 from keycld_control.benchmarks.blind.case import TRAINING, SealedCase, Signals, draw_case
-from keycld_control.benchmarks.blind.grade import noiseless
-from keycld_control.benchmarks.blind.make import GENERATOR, Settings, name
-from keycld_control.benchmarks.blind.match import Key, joint_of
+from keycld_control.benchmarks.blind.grade import noiseless, true_nuisances
+from keycld_control.benchmarks.blind.make import Settings, name
+from keycld_control.benchmarks.blind.match import joint_of
 from keycld_control.benchmarks.blind.run import read_manifest
 from keycld_control.benchmarks.blind.score import read_answers
-from keycld_control.benchmarks.refitting import at_most, refit
+from keycld_control.benchmarks.refitting import Fit, at_most, minimise, refit
 from keycld_control.benchmarks.unfinished import finish
+from keycld_envs.effects import EFFECTS
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file
 from keycld_envs.reading import read_json
-from keycld_model.diagnosis.search.criterion import Scored
+from keycld_model.diagnosis.search.hypotheses import hypotheses, recorded_range
 from keycld_model.diagnosis.search.screening import promising
-from keycld_model.diagnosis.search.search import Search
 
 NOTHING = "nothing"
-STARTS = 3
-"""From which the true effect is fitted at each place, of those that promise most."""
+ITERATIONS = 40
+"""Steps of Gauss-Newton of each fit, at most."""
 
 
 @dataclass(frozen=True)
-class Rival:
-    """What comes nearest to the true form.
+class Form:
+    """An effect at a place, fitted to true positions.
 
     Attributes:
         effect: its id, or `NOTHING`.
         joint: where; "*" where it has none.
-        nats: by which the true form is expected to be likelier.
+        numbers: how many parameters it has.
+        nats: what the fit costs, or by how much the true form is likelier.
     """
 
     effect: str
     joint: str
+    numbers: int
     nats: float
 
 
 @dataclass(frozen=True)
-class Told:
-    """How well recordings tell a single effect.
+class Separation:
+    """How far the true form of a case is from all others.
 
     Attributes:
         case: its number.
-        effect: what is missing.
-        joint: where; "*" where it has none.
-        nearest: of another name.
-        elsewhere: the nearest at another joint.
+        true: what is missing, with its cost.
+        others: of another name or at another place, with as many parameters or fewer, and nothing at all.
     """
 
     case: str
-    effect: str
-    joint: str
-    nearest: Rival
-    elsewhere: Rival
+    true: Form
+    others: tuple[Form, ...]
 
     @classmethod
-    def read(cls, path: Path) -> "Told":
+    def read(cls, path: Path) -> "Separation":
         """As it was written."""
-        told = read_json(path)
-        return cls(**{**told, **{key: Rival(**told[key]) for key in ("nearest", "elsewhere")}})
+        read = read_json(path)
+        return cls(read["case"], Form(**read["true"]), tuple(Form(**other) for other in read["others"]))
+
+    @property
+    def nearest(self) -> Form:
+        """The nearest of another name."""
+        return self._behind([o for o in self.others if o.effect != self.true.effect])
+
+    @property
+    def elsewhere(self) -> Form:
+        """The nearest at another joint, or nothing."""
+        return self._behind([o for o in self.others if o.joint != self.true.joint or o.effect == NOTHING])
+
+    def _behind(self, others: Sequence[Form]) -> Form:
+        best = min(others, key=lambda other: other.nats)
+        return Form(best.effect, best.joint, best.numbers, max(0.0, best.nats - self.true.nats))
 
 
 def ideal_observer(out: Path, workers: int = 1) -> dict[str, Any]:
-    """How many of the clear single effects of a benchmark an ideal observer would name and place.
+    """How many clear single effects of a benchmark can be told from the nearest other form, by name and by place.
 
-    It knows the forms of all effects and the noise; masses, lengths, zeros and the numbers of effects are to be told.
-    All effects of the taxonomy are fitted, one at a time, to true positions with the noise of the case's grade. Where
-    the likeliest other one fits d nats worse, the logarithm of the likelihood ratio is normal with mean d and variance
-    2 d, and the observer prefers the true one with probability Phi(sqrt(d / 2)) (Green and Swets, Signal detection
-    theory and psychophysics, 1966). An upper estimate: the nearest of several others counts alone, and a nearer one may
-    not have been found.
+    Effects of the taxonomy with as many parameters as the true one, or fewer, are fitted one at a time, with masses,
+    lengths and zeros, to the true positions in the windows that the diagnosis uses, weighed by the noise of the case's
+    grade. If the likeliest other one is d nats behind, an observer who knows both forms and the noise, and to whom
+    both are as probable, tells them apart with probability Phi(sqrt(d / 2)): the logarithm of their likelihood ratio is
+    normal with mean d and variance 2 d (Green and Swets, Signal detection theory and psychophysics, 1966). It is an
+    estimate: others may fit better than was found, those with more parameters are left out, and longer windows would
+    tell more.
 
     Args:
         out: folder of the benchmark, with its answers.
         workers: processes.
 
     Returns:
-        Expected shares of names and places, and the nearest other effects of each case.
+        Mean probabilities of names and places, and for each case the nearest other forms.
 
     Raises:
-        InputError: if the benchmark is not complete, or of another version of the generator.
+        InputError: if the benchmark is not complete, or this version draws other cases.
     """
     manifest = read_manifest(out)
-    if manifest["generator"] != GENERATOR:
-        raise InputError(
-            f"{out} was made by generator {manifest['generator']}, this is generator {GENERATOR}; "
-            "make the benchmark anew, or use the version of keycld that made it."
-        )
     answers, folder = read_answers(out, manifest), out / "ideal-observer"
     clear = [i for i, a in enumerate(answers) if a["category"] == "one" and a["grade"] == "clear"]
     settings = Settings(manifest["seed"], manifest["cases"], manifest["observe"], tuple(manifest["only"]))
@@ -104,64 +112,56 @@ def ideal_observer(out: Path, workers: int = 1) -> dict[str, Any]:
         clear,
         lambda: {i for i in clear if (folder / f"{name(i)}.json").is_file()},
         folder,
-        title="Fitting others",
+        title="Fitting other effects",
         workers=workers,
     )
-    told = [Told.read(folder / f"{name(i)}.json") for i in clear]
+    told = [Separation.read(folder / f"{name(i)}.json") for i in clear]
     return {
         "cases": len(told),
-        "name": preferred([t.nearest for t in told]),
-        "place": preferred([t.elsewhere for t in told]),
-        "told": [asdict(t) for t in told],
+        "name": told_apart([t.nearest for t in told]),
+        "place": told_apart([t.elsewhere for t in told]),
+        "told": [
+            {"case": t.case, **{key: asdict(getattr(t, key)) for key in ("true", "nearest", "elsewhere")}} for t in told
+        ],
     }
 
 
-def preferred(rivals: Sequence[Rival]) -> float | None:
-    """Share in which the true form is expected to be preferred."""
-    return float(np.mean([norm.cdf(np.sqrt(r.nats / 2)) for r in rivals])) if rivals else None
+def told_apart(others: Sequence[Form]) -> float | None:
+    """Mean probability with which the true form is preferred to one that is so many nats behind."""
+    return float(np.mean([norm.cdf(np.sqrt(o.nats / 2)) for o in others])) if others else None
 
 
 def _write(folder: Path, settings: Settings, answers: Sequence[Mapping[str, Any]], index: int) -> None:
     case, signals = draw_case(settings.plans[index], (settings.seed, 1, index), settings.observe == "pixels")
+    drawn = {**asdict(case.errors), "zero": case.zero.tolist()}
+    if drawn != answers[index]["nuisance"]:
+        raise InputError(
+            f"{folder.parent}: this version of keycld draws case {name(index)} otherwise; use the one that made it."
+        )
     with atomic_file(folder / f"{name(index)}.json", "w") as file:
-        json.dump(asdict(told_of(case, signals, answers[index])), file)
+        json.dump(asdict(separation(case, signals, answers[index])), file)
 
 
-def told_of(case: SealedCase, signals: Sequence[Signals], answer: Mapping[str, Any]) -> Told:
-    """How well the recordings of a case with a single effect tell it."""
+def separation(case: SealedCase, signals: Sequence[Signals], answer: Mapping[str, Any]) -> Separation:
+    """How far the true form of a case with a single effect is from others."""
     problem = at_most(noiseless(case, signals[:TRAINING], np.array(answer["noise"])))
-    refitted = refit(problem)
-    search = Search(problem, most_effects=1)
-    search.run(refitted.point)
-    (truth,) = answer["truth"]
-    own = [h for h in search.hypotheses if h.effect.id == truth["effect"]]
-    for key in {h.key for h in own}:
-        for effects in promising(refitted, [h for h in own if h.key == key], {1: STARTS}):
-            search.refine(refitted.point.with_effects(*effects), thoroughly=True)
-    return _told(answer, [s for s in search.found.values() if len(s.keys) < 2])
+    refitted, (truth,), system = refit(problem), answer["truth"], answer["system"]
+    known = hypotheses(problem.simulator.model, recorded_range(problem.windows))
+    numbers = max(len(kind.parameters()) for kind in EFFECTS.values() if kind.id == truth["effect"])
+    free = [h for h in known if len(h.effect.parameters()) <= numbers]
+    fits = [
+        minimise(problem, refitted.point.with_effects(*effects), ITERATIONS)
+        for effects in promising(refitted, free, {1: len({h.key for h in free})})
+    ]
+    forms = [Form(NOTHING, "*", 0, refitted.cost), *(_form(system, fit) for fit in fits)]
+    true = truth["effect"], joint_of(system, truth["where"])
+    exact = 0.5 * float(np.sum((true_nuisances(case, problem) / problem.spreads) ** 2))
+    least = min([exact, *(f.nats for f in forms if (f.effect, f.joint) == true)])
+    others = tuple(f for f in forms if (f.effect, f.joint) != true)
+    return Separation(answer["case"], Form(*true, numbers, least), others)
 
 
-def _told(answer: Mapping[str, Any], fits: Sequence[Scored]) -> Told:
-    """How far others are from the true form; fits that are not of its own form cost what its form would, or more."""
-    (truth,), system = answer["truth"], answer["system"]
-    true = (str(truth["effect"]), joint_of(system, truth["where"]))
-    costs = [(_key(system, s), s.fit.cost) for s in fits]
-    least = min((cost for key, cost in costs if key == true), default=0.0)
-
-    def nearest(others: Sequence[tuple[Key, float]]) -> Rival:
-        key, cost = min(others, key=lambda other: other[1])
-        return Rival(*key, max(0.0, float(cost - least)))
-
-    return Told(
-        answer["case"],
-        *true,
-        nearest=nearest([c for c in costs if c[0][0] != true[0]]),
-        elsewhere=nearest([c for c in costs if c[0][1] != true[1] or c[0][0] == NOTHING]),
-    )
-
-
-def _key(system: str, scored: Scored) -> Key:
-    if not scored.fit.effects:
-        return NOTHING, "*"
-    (effect,) = scored.fit.effects
-    return effect.id, joint_of(system, {"kind": effect.kind, "name": effect.where})
+def _form(system: str, fit: Fit) -> Form:
+    (effect,) = fit.effects
+    where = joint_of(system, {"kind": effect.kind, "name": effect.where})
+    return Form(effect.id, where, len(effect.parameters()), float(fit.cost))

@@ -27,7 +27,7 @@ def print_score(result: Mapping[str, Any]) -> None:
 
 
 def print_ideal(result: Mapping[str, Any]) -> None:
-    """Print what comes nearest to each effect, and how many an ideal observer would name."""
+    """Print what comes nearest to each effect, and how many can be told from it."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -36,13 +36,19 @@ def print_ideal(result: Mapping[str, Any]) -> None:
     for column in ("case", "missing", "nearest of another name", "nats", "nearest elsewhere", "nats"):
         table.add_column(column, justify="right" if column == "nats" else "left")
     for told in result["told"]:
-        rivals = (told["nearest"], told["elsewhere"])
-        cells = (cell for r in rivals for cell in (f"{r['effect']} {r['joint']}", f"{r['nats']:.1f}"))
-        table.add_row(told["case"], f"{told['effect']} {told['joint']}", *cells)
+        cells = (
+            cell
+            for key in ("nearest", "elsewhere")
+            for cell in (f"{told[key]['effect']} {told[key]['joint']}", f"{told[key]['nats']:.1f}")
+        )
+        table.add_row(told["case"], f"{told['true']['effect']} {told['true']['joint']}", *cells)
     console.print(table)
     if result["cases"]:
-        shares = f"{result['name']:.3f}, places {result['place']:.3f}"
-        console.print(f"Of {result['cases']} clear single effects an ideal observer is expected to name {shares}.")
+        names, places = f"{100 * result['name']:.1f} %", f"{100 * result['place']:.1f} %"
+        console.print(
+            f"Of {result['cases']} clear single effects an ideal observer tells {names} from the nearest of another "
+            f"name, and {places} from the nearest elsewhere."
+        )
     else:
         console.print("No case has a single clear effect.")
 
