@@ -3,7 +3,7 @@
 import atexit
 import copy
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import mujoco
@@ -115,6 +115,26 @@ class View:
             x, y = (focal * (1 - self.nearer) * (seen[k] / seen[2] - middle[k] / middle[2]) for k in (0, 1))
         x, y = x * np.cos(self.roll) - y * np.sin(self.roll), x * np.sin(self.roll) + y * np.cos(self.roll)
         return x * self.zoom * self.aspect + self.right, y * self.zoom + self.up
+
+    def far_in_place(self, right: float, up: float, zoom: float, focal: float) -> "View":
+        """With another shift and zoom, from where all that is far away is seen where it was; the mechanism moves.
+
+        Args:
+            right: as of a view.
+            up: as of a view.
+            zoom: as of a view.
+            focal: length of the camera, pixels.
+        """
+        nearer = 1 - self.zoom * (1 - self.nearer) / zoom
+        x, y = (right - self.right) / self.aspect, up - self.up
+        turned = np.array(
+            [x * np.cos(self.roll) + y * np.sin(self.roll), y * np.cos(self.roll) - x * np.sin(self.roll)]
+        )
+        middle = self._turned @ np.array([-self.aside, -self.above, 1 - self.nearer])
+        shifted = middle[:2] / middle[2] + turned / (focal * zoom * (1 - nearer))
+        aside, above, ahead = self._turned.T @ np.array([*shifted, 1.0])
+        aside, above = (-(1 - nearer) * float(axis / ahead) for axis in (aside, above))
+        return replace(self, right=right, up=up, zoom=zoom, aside=aside, above=above, nearer=nearer)
 
     @property
     def _turned(self) -> Array:

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from scipy.special import huber
 
 from keycld_model.image_alignment.light import Light
-from keycld_model.image_alignment.look import CAMERA, view_of
+from keycld_model.image_alignment.look import CAMERA, PARALLAX, view_of
 from keycld_model.image_alignment.scene import STEP, Scene, softened
 
 Array = NDArray[np.float64]
@@ -40,9 +40,8 @@ ROUGH = 0.0035
 TELLING = 0.15
 """Pixels by which a camera that ends so may shift or enlarge the mechanism; what may do more is left to the mechanism,
 whose own fit to some frames is off by .1 at most."""
-ZOOM, NEARER = CAMERA.index("zoom"), CAMERA.index("nearer")
-SIDEWAYS = [CAMERA.index("aside"), CAMERA.index("above")]
-"""Where they are among the parameters; the first two shift an image."""
+RIGHT, UP, ZOOM = MOVES = tuple(CAMERA.index(name) for name in ("right", "up", "zoom"))
+"""Where they are among the parameters that move a mechanism in the image."""
 ROUNDED = 1 / 12
 """Variance of rounding to whole grey levels."""
 OUTLIER = 3.0
@@ -138,28 +137,36 @@ class Surroundings:
         best, left = _polished(sharp, look, steps)
         if left >= NOISE * (noise / len(lights) + ROUNDED):
             return None
-        ways, here = _far_in_place(scene, best), scene.render(drawn_at[0], best)
-        if not len(ways):
-            return Told(best, ways)
-        sides = ([scene.render(drawn_at[0], best + side * way)[still] for way in ways] for side in (1, -1))
-        rises, of_ways = np.linalg.eigh(np.mean([_rises(here[still], beside) for beside in sides], axis=0))
-        return Told(best, (of_ways.T @ ways)[rises < ROUGH / TELLING**2])
+        return Told(best, _loose(scene, best, drawn_at[0], still))
 
 
-def _far_in_place(scene: Scene, look: Array) -> Array:
-    """Directions `[3, p]` in which a mechanism moves or grows by a pixel, and what is far away stays in place.
+def _loose(scene: Scene, look: Array, q: Array, still: NDArray[np.bool_]) -> Array:
+    """Directions `[k, p]` in which still pixels do not tell a look: the mechanism moves, other numbers make up for it.
 
-    None for orthographic cameras, to which nothing is far away.
+    How far the misfit rises with a shift or an enlargement of the mechanism is what is left of it when the camera's
+    other numbers are where it rises least (the Schur complement). There are none for orthographic cameras, to which
+    nothing is far away.
     """
     if not np.isfinite(scene.focal):
         return np.zeros((0, len(look)))
-    view, focal = view_of(look), scene.focal
-    turned = np.array([[np.cos(view.roll), -np.sin(view.roll)], [np.sin(view.roll), np.cos(view.roll)]])
-    moves = focal * np.diag([view.zoom * view.aspect, view.zoom]) @ turned  # what is far, if the camera goes aside
-    out = np.zeros((3, len(look)))
-    out[:2, :2], out[:2, SIDEWAYS] = np.eye(2), -np.linalg.inv(moves).T
-    larger = scene.look_steps()[ZOOM] / STEP
-    out[2, [ZOOM, NEARER]], out[2, :2] = larger, -larger * (moves @ look[SIDEWAYS])
+    others = np.diag(scene.look_steps())[[k for k, name in enumerate(CAMERA) if name not in PARALLAX]]
+    here, k = scene.render(q, look)[still], len(MOVES)
+    sides = [[*_far_in_place(scene, look, side), *(look + side * other for other in others)] for side in (1, -1)]
+    form = np.mean([_rises(here, [scene.render(q, there)[still] for there in side]) for side in sides], axis=0)
+    makes_up = np.linalg.lstsq(form[k:, k:], form[k:, :k], rcond=1e-6)[0]
+    rises, of_ways = np.linalg.eigh(form[:k, :k] - form[:k, k:] @ makes_up)
+    ways = (np.array(sides[0][:k]) - sides[1][:k]) / 2 - makes_up.T @ others
+    return (of_ways.T @ ways)[rises < ROUGH / TELLING**2]
+
+
+def _far_in_place(scene: Scene, look: Array, pixels: float) -> list[Array]:
+    """Looks `[p]` in which the mechanism is shifted or larger by some pixels, and what is far away stays in place."""
+    out, step = [], scene.look_steps() / STEP * pixels
+    for k in MOVES:
+        there = look + step * (np.arange(len(look)) == k)
+        view = view_of(look).far_in_place(there[RIGHT], there[UP], float(np.exp(there[ZOOM])), scene.focal)
+        there[[CAMERA.index(name) for name in PARALLAX]] = view.aside, view.above, view.nearer
+        out.append(there)
     return out
 
 
