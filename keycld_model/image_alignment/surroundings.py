@@ -37,9 +37,9 @@ NOISE = 3.0
 are not the simulator's, or compression leaves its marks on them, by which a camera is not told as exactly."""
 ROUGH = 0.0035
 """By how much more than the least misfit a search may end, squares of grey levels: the most of 24 cameras."""
-TELLING = 0.15
+TELLING = 0.1
 """Pixels by which a camera that ends so may shift or enlarge the mechanism; what may do more is left to the mechanism,
-whose own fit to some frames is off by .1 at most."""
+whose own fit to some frames is off by about as much."""
 RIGHT, UP, ZOOM = MOVES = tuple(CAMERA.index(name) for name in ("right", "up", "zoom"))
 """Where they are among the parameters that move a mechanism in the image."""
 ROUNDED = 1 / 12
@@ -141,22 +141,17 @@ class Surroundings:
 
 
 def _loose(scene: Scene, look: Array, q: Array, still: NDArray[np.bool_]) -> Array:
-    """Directions `[k, p]` in which still pixels do not tell a look: the mechanism moves, other numbers make up for it.
+    """Directions `[k, p]` in which a mechanism moves or grows by a pixel, and still pixels do not tell.
 
-    How far the misfit rises with a shift or an enlargement of the mechanism is what is left of it when the camera's
-    other numbers are where it rises least (the Schur complement). There are none for orthographic cameras, to which
-    nothing is far away.
+    There are none for orthographic cameras, to which nothing is far away.
     """
     if not np.isfinite(scene.focal):
         return np.zeros((0, len(look)))
-    others = np.diag(scene.look_steps())[[k for k, name in enumerate(CAMERA) if name not in PARALLAX]]
-    here, k = scene.render(q, look)[still], len(MOVES)
-    sides = [[*_far_in_place(scene, look, side), *(look + side * other for other in others)] for side in (1, -1)]
-    form = np.mean([_rises(here, [scene.render(q, there)[still] for there in side]) for side in sides], axis=0)
-    makes_up = np.linalg.lstsq(form[k:, k:], form[k:, :k], rcond=1e-6)[0]
-    rises, of_ways = np.linalg.eigh(form[:k, :k] - form[:k, k:] @ makes_up)
-    ways = (np.array(sides[0][:k]) - sides[1][:k]) / 2 - makes_up.T @ others
-    return (of_ways.T @ ways)[rises < ROUGH / TELLING**2]
+    after, before = (_far_in_place(scene, look, side) for side in (1.0, -1.0))
+    pairs = zip(after, before, strict=True)
+    changes = [np.float32(0.5) * (scene.render(q, there) - scene.render(q, back))[still] for there, back in pairs]
+    rises, of_ways = np.linalg.eigh(_rises(scene.render(q, look)[still], changes))
+    return (of_ways.T @ ((np.array(after) - before) / 2))[rises < ROUGH / TELLING**2]
 
 
 def _far_in_place(scene: Scene, look: Array, pixels: float) -> list[Array]:
@@ -228,15 +223,15 @@ def _widened(moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(binary_dilation(moved, iterations=AROUND), bool)
 
 
-def _rises(here: Image, beside: Sequence[Image]) -> Array:
-    """Quadratic form `[k, k]` of the misfit between still pixels `[pixels, 3]` and others beside them, in any light."""
-    x = here - here.mean(axis=0)
+def _rises(drawn: Image, changes: Sequence[Image]) -> Array:
+    """Quadratic form `[k, k]` by which the misfit of still pixels `[pixels, 3]` rises with changes, in any light."""
+    x = drawn - drawn.mean(axis=0)
     steady = x / np.maximum(np.linalg.norm(x, axis=0), 1e-9)
     out = []
-    for other in beside:
-        free = other - here - (other - here).mean(axis=0)
+    for change in changes:
+        free = change - change.mean(axis=0)
         out.append((free - steady * np.sum(steady * free, axis=0)).ravel())
-    return np.asarray(np.inner(out, out), np.float64) / here.size
+    return np.asarray(np.inner(out, out), np.float64) / drawn.size
 
 
 def _misfit(drawn: Image, shown: Image) -> float:
