@@ -120,9 +120,9 @@ class View:
         """With another shift and zoom, from where all that is far away is seen where it was; the mechanism moves.
 
         Args:
-            right: as of a view.
-            up: as of a view.
-            zoom: as of a view.
+            right: shift of what is at `distance`, pixels.
+            up: and upwards.
+            zoom: factor of its lengths.
             focal: length of the camera, pixels.
         """
         nearer = 1 - self.zoom * (1 - self.nearer) / zoom
