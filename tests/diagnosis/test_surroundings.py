@@ -54,6 +54,7 @@ def test_where_all_that_is_still_is_far_away_the_mechanism_tells_whether_it_is_s
         assert told is not None and len(told.loose)
         names, steps = [p.name for p in scene.parameters], scene.look_steps()
         assert len(told.loose) == 3  # up and larger together, too
+        assert all(way[names.index("pitch")] == 0.0 for way in told.loose)
         rolled = 0.3 * steps * (np.arange(len(steps)) == names.index("roll"))
         again = far.camera(scene, TRUE + 0.5 * told.loose[0] + rolled, positions, told.loose)
     assert again is not None
