@@ -8,6 +8,8 @@ from keycld_control.cli._import_options import Args
 
 APART = 0.1
 """Image units between the pivot that is declared and the one that is filmed; beyond, they are two places."""
+WITHIN = 0.5
+"""Of the square that is kept, inside the picture; with less, more of the frames is repeated border than video."""
 
 
 def import_video(path: Path, args: Args) -> dict[str, Any]:
@@ -52,6 +54,13 @@ def import_video(path: Path, args: Args) -> dict[str, Any]:
         print(
             f"keycld: warning: --pivot {given.pivot[0]:g} {given.pivot[1]:g} lies outside {path}, whose pictures are "
             f"{width}x{height} pixels; beyond them, the pixels of their border are repeated.",
+            file=sys.stderr,
+        )
+    if (within := square.share_within(look.size)) and within < WITHIN:
+        print(
+            f"keycld: warning: {path}, {width}x{height} pixels, covers {within:.0%} of the square that is kept, "
+            f"{square.left} {square.top} {square.side}; beyond it, the pixels of its border are repeated. A smaller "
+            "square, --crop LEFT TOP SIDE, shows more of the mechanism.",
             file=sys.stderr,
         )
     with progress("Cutting", total=len(look.times)) as advance:

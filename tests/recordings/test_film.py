@@ -75,6 +75,14 @@ def test_pixels_and_image_units_are_inverse() -> None:
     assert square.pixel(*square.units(33.25, 60.5)) == pytest.approx((33.25, 60.5))
 
 
+@pytest.mark.parametrize(
+    "square, share",
+    [((0, 0, 80), 1.0), ((-40, 60, 80), 0.375), ((160, 0, 10), 0.0), ((-100, 0, 90), 0.0), ((0, 0, 0), 0.0)],
+)
+def test_how_much_of_a_square_is_video(square: tuple[int, int, int], share: float) -> None:
+    assert Square(*square).share_within((160, 120)) == share
+
+
 def test_a_recording_ends_where_frames_were_left_out(video: Path, tmp_path: Path) -> None:
     look = look_at(video)
     times = look.times.copy()
@@ -106,13 +114,18 @@ def test_from_the_command_line(video: Path, tmp_path: Path, capsys: pytest.Captu
     assert '"recordings": 3' in captured.out and captured.err == ""
     args[3] = str(tmp_path / "outside")
     assert main([*args, "--pivot", "90", "-20"]) == 0
-    assert "warning: --pivot 90 -20 lies outside" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "warning: --pivot 90 -20 lies outside" in err and "of the square" not in err
+    args[3] = str(tmp_path / "mostly border")
+    assert main([*args, "--pivot", "90", "20", "--crop", "-80", "-65", "340"]) == 0
+    assert "200x120 pixels, covers 21% of the square that is kept, -80 -65 340;" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     "options, word",
     [
-        (["--crop", "500", "0", "50"], "--crop"),
+        (["--crop", "500", "0", "50"], "--crop 500 0 50 shows nothing of"),
+        (["--crop", "0", "0", "0"], "--crop 0 0 0 shows nothing of"),
         (["--frames", "600"], "--frames"),
         (["--frames", "1"], "--frames"),
         (["--fps", "0"], "--fps"),

@@ -78,6 +78,12 @@ class Square:
         middle = (self.side - 1) / 2
         return self.left + (x + 1) * middle, self.top + (1 - y) * middle
 
+    def share_within(self, size: tuple[int, int]) -> float:
+        """How much of the square a picture of this (W, H), pixels, covers, 0 to 1."""
+        spans = zip((self.left, self.top), size, strict=True)
+        covered = [max(0, min(start + self.side, end) - max(start, 0)) for start, end in spans]
+        return covered[0] * covered[1] / self.side**2 if self.side > 0 else 0.0
+
 
 def look_at(path: Path, fps: float | None = None) -> Look:
     """Decode a video once.
@@ -177,7 +183,7 @@ def write_parts(path: Path, out: Path, look: Look, square: Square, advance: Adva
         InputError: if the folder exists, the square shows nothing of the video, or nothing is long enough.
     """
     width, height = look.size
-    if not (-square.side < square.left < width and -square.side < square.top < height):
+    if square.share_within(look.size) == 0:
         named = f"{square.left} {square.top} {square.side}"
         raise InputError(f"--crop {named} shows nothing of {path}, which is {width}×{height} pixels; name another.")
     if square.side > LARGEST:
