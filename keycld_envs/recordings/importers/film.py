@@ -78,11 +78,15 @@ class Square:
         middle = (self.side - 1) / 2
         return self.left + (x + 1) * middle, self.top + (1 - y) * middle
 
+    def within(self, size: tuple[int, int]) -> tuple[int, int, int, int]:
+        """(left, top, right, bottom) of what a picture of this (W, H) shows of the square, pixels; may be empty."""
+        right, bottom = min(self.left + self.side, size[0]), min(self.top + self.side, size[1])
+        return max(self.left, 0), max(self.top, 0), right, bottom
+
     def share_within(self, size: tuple[int, int]) -> float:
         """How much of the square a picture of this (W, H), pixels, covers, 0 to 1."""
-        spans = zip((self.left, self.top), size, strict=True)
-        covered = [max(0, min(start + self.side, end) - max(start, 0)) for start, end in spans]
-        return covered[0] * covered[1] / self.side**2 if self.side > 0 else 0.0
+        left, top, right, bottom = self.within(size)
+        return max(0, right - left) * max(0, bottom - top) / self.side**2 if self.side > 0 else 0.0
 
 
 def look_at(path: Path, fps: float | None = None) -> Look:
@@ -255,8 +259,7 @@ def _steady(times: NDArray[np.float64], frames: int) -> list[int]:
 
 def _reduced(path: Path, size: tuple[int, int], square: Square, pixels: int) -> Iterator[NDArray[np.uint8]]:
     """The square of every frame, [pixels, pixels, 3]."""
-    left, top = max(square.left, 0), max(square.top, 0)
-    right, bottom = min(square.left + square.side, size[0]), min(square.top + square.side, size[1])
+    left, top, right, bottom = square.within(size)
     beyond = (
         (top - square.top, square.top + square.side - bottom),
         (left - square.left, square.left + square.side - right),
