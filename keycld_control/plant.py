@@ -24,7 +24,8 @@ class LearnedModel(Protocol):
         system: name or environment id of the system it was trained on, or None.
         mechanism: the declared mechanism.
         constrained: its rods and sliders hold the masses in the model's equations of motion, too.
-        masses: `[K]`; that they sum to 1 fixes the common scale of (M, V, g).
+        masses: `[K]` of keypoints, or `[K + L]` with those of rods between two joints; that they sum to 1 fixes the
+            common scale of (M, V, g).
         level: `[c]` values of the constraints.
         pivot: `[2]`, image units.
         timestep: seconds per frame.
@@ -96,6 +97,10 @@ class Plant:
             model.added,
         )
 
+    def momentum(self, v: Array) -> Array:
+        """M v `[n]` of velocities `[n]`, or of whatever is to be measured in the metric of M."""
+        return physics.momentum(self.mechanism, self.masses, v)
+
     def force(self, x: Array, v: Array) -> Array:
         """`[n]` of what acts beside motors, constraints, and dry friction."""
         learned = -jax.grad(self.potential_energy)(x)
@@ -108,21 +113,21 @@ class Response(NamedTuple):
     Attributes:
         free: `[n]` acceleration without action, image units per second squared.
         inputs: `[n, m]` acceleration per unit of action. Its columns are possible motions of the mechanism.
-        weight: `[n]` the diagonal of M, the metric in which accelerations are compared.
+        momenta: `[n, m]` M A, since M is the metric in which accelerations are compared.
     """
 
     free: Array
     inputs: Array
-    weight: Array
+    momenta: Array
 
     @property
     def gram(self) -> Array:
         """H = A' M A, `[m, m]`; entry i, j is what action j changes in the acceleration of actuator i."""
-        return (self.inputs.T * self.weight) @ self.inputs
+        return self.momenta.T @ self.inputs
 
     def demand(self, acceleration: Array) -> Array:
         """A' M (`acceleration` - free), `[m]`: H u equals this where u achieves the acceleration `[n]` exactly."""
-        return (self.inputs.T * self.weight) @ (acceleration - self.free)
+        return self.momenta.T @ (acceleration - self.free)
 
 
 def responses(plant: Plant, x: Array, v: Array) -> tuple[Response, Response]:
@@ -142,8 +147,8 @@ def responses(plant: Plant, x: Array, v: Array) -> tuple[Response, Response]:
         return physics.acceleration(plant.mechanism, plant.masses, force, x, v, plant.pivot)
 
     inputs = jax.vmap(accelerate, (1, None), 1)(plant.input_matrix(x), rest)
-    weight = jnp.repeat(plant.masses, 2)
-    moving, resting = (Response(accelerate(plant.force(x, w), w), inputs, weight) for w in (v, rest))
+    momenta = jax.vmap(plant.momentum, 1, 1)(inputs)
+    moving, resting = (Response(accelerate(plant.force(x, w), w), inputs, momenta) for w in (v, rest))
     return moving, resting
 
 
@@ -178,4 +183,4 @@ def project(plant: Plant, x: Array, v: Array, iterations: int = 1) -> tuple[Arra
 
 def energy(plant: Plant, x: Array, v: Array) -> Array:
     """T + V (scalar)."""
-    return physics.kinetic_energy(plant.masses, v) + plant.potential_energy(x)
+    return physics.kinetic_energy(plant.mechanism, plant.masses, v) + plant.potential_energy(x)

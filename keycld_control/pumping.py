@@ -186,7 +186,8 @@ def pumping_action(
     catching = unbounded_action(moving, beyond_friction(plant, x, v, wanted))
     caught = jnp.where(state.caught, within(holding, RELEASE), within(catching, 1.0))
 
-    distance = jnp.sum(moving.weight * (pump.curve - x) ** 2, axis=1)
+    apart = pump.curve - x
+    distance = jnp.sum(jax.vmap(plant.momentum)(apart) * apart, axis=1)
     shape = turning_acceleration(plant, x, v, pump.curve[jnp.argmin(distance)], kp, kd, speed=jnp.inf)
     rate = plant.input_matrix(x)[:, pump.actuator] @ v
     fall = plant.input_matrix(x)[:, pump.actuator] @ resting.free

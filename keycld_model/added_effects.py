@@ -76,7 +76,7 @@ class AddedEffects:
         points: the learned masses and what holds them.
         joints: positions `[nq]` of joints, rad or m, of keypoints `[n]`.
         scale: `[nq]` learned power per W, of each joint.
-        weights: `[K]` learned weights of the masses, learned mass x image units/s^2.
+        weights: `[K]` learned weights at the keypoints, learned mass x image units/s^2.
     """
 
     effects: tuple[Effect, ...]
@@ -145,8 +145,8 @@ class AddedEffects:
         if not self.is_dry:
             return x, v
         slope, q, qd = self._joint_state(x, v)
-        reply, weight = self._reply(x, slope), jnp.repeat(self.points.masses, 2)
-        most, push = self._dry(q, qd), reply.T * weight
+        reply, most = self._reply(x, slope), self._dry(q, qd)
+        push = jax.vmap(self.points.momentum, 1)(reply)
         gram = push @ reply + 1e-9 * jnp.eye(len(most))
         change = step_size * reply @ bounded_minimum(gram, -push @ v / step_size, -most, most)
         return self.points.project(x + 0.5 * step_size * change, v + change, 1)
@@ -237,7 +237,7 @@ def added_effects(
     scale = power_of_joints(system, points, input_matrix)
     energies = np.asarray(jax.jit(jax.vmap(potential_energy))(x))
     heights = np.asarray(x).reshape(len(x), -1, 2)[..., 1]
-    weights = weights_of(np.asarray(points.masses), heights, energies)
+    weights = weights_of(np.asarray(points.lumped), heights, energies)
     return AddedEffects(tuple(effects), simulator, timestep, points, joints, scale, weights)
 
 

@@ -34,6 +34,8 @@ class NetworkConfig:
         linear: V(x) and g(x) have a linear term beside the network. Gravity is linear in the positions of point
             masses, torques on rods and forces on sliders are too; the network has only the rest to explain.
         springs: beside a linear term, V(x) has a spring along each slider's rail.
+        rod_masses: a rod between two joints has a mass in its middle, beside those of the keypoints: a link there has
+            three numbers, two masses at its ends have two.
         motion: what moves the keypoints: a Lagrangian under the constraints, one without them (the paper's KeyCLD-NC),
             or a network for the acceleration (NODE2).
         images: estimator and renderer: hourglasses, or with fully connected layers in the middle (the paper's FC).
@@ -52,6 +54,7 @@ class NetworkConfig:
     kernel_scale: float | None = None
     linear: bool = True
     springs: bool = True
+    rod_masses: bool = True
     motion: Motion = "constrained"
     images: Images = "convolutional"
 
@@ -97,8 +100,12 @@ PAPER_NETWORKS = NetworkConfig(
     kernel_scale=0.01,
     linear=False,
     springs=False,
+    rod_masses=False,
 )
 """Appendix A.4 and table 2 of the KeyCLD paper."""
+
+BEFORE = {"springs": False, "rod_masses": False}
+"""Fields that checkpoints did not have from the beginning (until 2026-11-26 and 2026-11-28), as it was without them."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +156,7 @@ class ModelConfig:
             InputError: if a field is missing or unknown.
         """
         try:
-            networks = {"springs": False, **data["networks"]}  # checkpoints from before 2026-11-26 have none
+            networks = {**BEFORE, **data["networks"]}
             for name in ("gaussian_widths", "segment_widths"):
                 networks[name] = tuple(networks[name])
             missing = {f.name for f in fields(NetworkConfig)} - set(networks)

@@ -20,7 +20,7 @@ class Intervals:
     """90 % intervals, the low and the high end on the last axis.
 
     Attributes:
-        masses: [K, 2] fractions of the total.
+        masses: [K, 2] fractions of the total; then [L, 2] in the middle of rods between two joints.
         lengths: [R, 2] of the rods between masses and from the pivot, image units.
         potential_energy: [N, 2] V at each given position, less V at the first, image units squared per second squared,
             per total mass; None if no positions were given.

@@ -13,6 +13,7 @@ from keycld_model.dynamics import Dynamics
 from keycld_model.nets import MLP
 from keycld_model.numerics import null_space
 from keycld_model.physics import INTEGRATORS, Integrator, PointMasses, in_turns
+from keycld_model.places import inner_rods
 
 FINE = in_turns(INTEGRATORS["projected"])
 
@@ -32,6 +33,7 @@ class Lagrangian(Dynamics):
         rngs: initialisation.
         constrained: rods and sliders hold the masses; without them this is the paper's KeyCLD-NC.
         springs: give V a spring along each rail, too.
+        rod_masses: give each rod between two joints a mass in its middle, too.
     """
 
     def __init__(
@@ -44,18 +46,20 @@ class Lagrangian(Dynamics):
         rngs: nnx.Rngs,
         constrained: bool = True,
         springs: bool = False,
+        rod_masses: bool = False,
     ) -> None:
         super().__init__(mechanism)
         n = 2 * mechanism.num_keypoints
         self.held = mechanism if constrained else replace(mechanism, rods=(), sliders=())
-        self.log_masses = nnx.Param(jnp.zeros(mechanism.num_keypoints))
+        rods = inner_rods(self.held) if rod_masses else []
+        self.log_masses = nnx.Param(jnp.zeros(mechanism.num_keypoints + len(rods)))
         self.potential = MLP(n, hidden, 1, force_scale, kernel_scale, linear, rngs)
         self.spring = nnx.Param(jnp.zeros(len(mechanism.sliders))) if springs and mechanism.sliders else None
         self.input = MLP(n, hidden, n * mechanism.num_actions, force_scale, kernel_scale, linear, rngs)
 
     @property
     def masses(self) -> Array:
-        """`[K]`, positive, of sum 1."""
+        """`[K]` of keypoints, or `[K + L]` with those of rods between two joints; positive, of sum 1."""
         return nnx.softmax(self.log_masses[...])
 
     @property

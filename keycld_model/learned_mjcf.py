@@ -1,4 +1,4 @@
-"""A learned Lagrangian as an MJCF document: point masses on massless rods, in the units of the image or of a system.
+"""A learned Lagrangian as an MJCF document: point masses on rods, in the units of the image or of a system.
 
 In those of the image, lengths are image units (1 from the middle of the image to its border), masses shares of the
 total, so that forces and torques are per total mass; x is right, z up, as the camera looks. Motion alone leaves the
@@ -29,7 +29,7 @@ from keycld_model.added_effects import allowed_states, learned_power, weights_of
 from keycld_model.joints import joint_scales, measured, wrapped
 from keycld_model.lagrangian import Lagrangian
 from keycld_model.learned_system import LearnedSystem
-from keycld_model.places import carried
+from keycld_model.places import carried, inner_rods
 
 Floats = NDArray[np.floating]
 SUBSTEP = 0.0025
@@ -116,7 +116,7 @@ def learned_mjcf(model: LearnedSystem, of_system: bool = False) -> LearnedMjcf:
     energies = np.asarray(jax.jit(jax.vmap(lagrangian.potential_energy))(x), float)
     heights = np.asarray(x, float).reshape(len(x), -1, 2)[..., 1]
     stretched = _stretched(lagrangian, x, energies)
-    weights = weights_of(model.masses.astype(float), heights, energies - stretched.sum(axis=1))
+    weights = weights_of(np.asarray(lagrangian.points.lumped, float), heights, energies - stretched.sum(axis=1))
     left = energies - stretched.sum(axis=1) - heights @ weights
     springs, left = _springs(lagrangian, x, stretched, left)
     of_potential = _share(left, energies)
@@ -294,6 +294,8 @@ def _built(
     camera.quat = [0.5**0.5, 0.5**0.5, 0.0, 0.0]  # looks along y, z is up
     pivot = [metre * float(model.pivot[0]), 0.0, metre * float(model.pivot[1])]
     levels = dict(zip((*model.mechanism.rods, *model.mechanism.sliders), model.level.tolist(), strict=True))
+    links = _links(model)
+    of_bodies = _weights_of_bodies(model.mechanism, links, weights)
     bodies: dict[int | None, Any] = {None: spec.worldbody}
     ends: dict[int | None, list[float]] = {None: pivot}
     for (k, holder), name, sense, zero in zip(holders, joints, units.senses, units.zeros, strict=True):
@@ -312,12 +314,47 @@ def _built(
             bodies[k], ends[k] = _link(bodies[holder.start], k, ends[holder.start], end, metre), end
             joint = bodies[k].add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, sense, 0])
         joint.ref = zero
-        mass = float(model.masses[k]) / (units.power * metre**2)
-        bodies[k].mass, bodies[k].ipos, bodies[k].explicitinertial = mass, ends[k], True
-        bodies[k].inertia = [1e-6 * mass * metre**2] * 3  # MuJoCo asks for some
-        bodies[k].gravcomp = 1 - float(weights[k]) / (float(model.masses[k]) * gravity) if gravity else 0.0
+        link, mass = links[k], links[k].mass / (units.power * metre**2)
+        bodies[k].mass, bodies[k].explicitinertial = mass, True
+        bodies[k].ipos = [link.centre * coordinate for coordinate in ends[k]]
+        few = 1e-6 * mass * metre**2  # MuJoCo asks for some
+        across = few + mass * link.radius**2 * float(np.dot(ends[k], ends[k]))
+        bodies[k].inertia = [across, across, few]
+        bodies[k].gravcomp = 1 - float(of_bodies[k]) / (link.mass * gravity) if gravity else 0.0
         bodies[k].add_site(name=f"keypoint_{k}", pos=ends[k], size=[0.03 * metre, 0, 0], rgba=[1.0, 0.85, 0.2, 1.0])
     return spec
+
+
+class _Link(NamedTuple):
+    """The mass at a keypoint with that of the rod that ends there.
+
+    Attributes:
+        mass: of both.
+        centre: of mass, as a share of the way from the rod's start to the keypoint.
+        radius: of gyration about it, as a share of the rod's length.
+    """
+
+    mass: float
+    centre: float
+    radius: float
+
+
+def _links(model: LearnedSystem) -> list[_Link]:
+    """One per keypoint."""
+    masses, count = model.masses.astype(float), model.mechanism.num_keypoints
+    links = [_Link(mass, 1.0, 0.0) for mass in masses[:count]]
+    for (_, end), rod in zip(inner_rods(model.mechanism), masses[count:], strict=False):
+        own, total = masses[end], masses[end] + rod
+        links[end] = _Link(total, 1 - rod / total / 2, np.sqrt(own * rod) / total / 2)
+    return links
+
+
+def _weights_of_bodies(mechanism: Mechanism, links: list[_Link], weights: Floats) -> Floats:
+    """`[K]` at the bodies' centres of mass, which pull as the given ones `[K]` do at the keypoints."""
+    shares = np.diag([link.centre for link in links])
+    for start, end in inner_rods(mechanism):
+        shares[start, end] = 1 - links[end].centre
+    return np.linalg.solve(shares, weights)
 
 
 def _carriage(world: Any, keypoint: int, place: list[float], metre: float) -> Any:

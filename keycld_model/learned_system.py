@@ -70,7 +70,7 @@ class LearnedSystem:
 
     @cached_property
     def masses(self) -> Floats:
-        """[K] point masses, fractions of the total."""
+        """[K] point masses of keypoints, fractions of the total; then [L] in the middle of rods between two joints."""
         return np.asarray(self.parts.lagrangian(self.parameters).masses)
 
     @cached_property

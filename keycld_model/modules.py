@@ -121,7 +121,8 @@ def _dynamics(mechanism: Mechanism, net: NetworkConfig, rngs: nnx.Rngs) -> Dynam
         return AccelerationNetwork(mechanism, net.hidden, net.force_scale, net.kernel_scale, rngs)
     constrained = net.motion == "constrained"
     springs = net.identifiable and net.springs
-    return Lagrangian(mechanism, net.hidden, net.force_scale, net.kernel_scale, net.linear, rngs, constrained, springs)
+    scales = net.force_scale, net.kernel_scale
+    return Lagrangian(mechanism, net.hidden, *scales, net.linear, rngs, constrained, springs, net.rod_masses)
 
 
 def _arrays(modules: dict[str, nnx.Module]) -> Parameters:

@@ -36,6 +36,12 @@ def end_rods(mechanism: Mechanism) -> list[tuple[int, int]]:
     ]
 
 
+def inner_rods(mechanism: Mechanism) -> list[tuple[int, int]]:
+    """The other rods (start, end) between keypoints, at whose end more is attached: links between two joints."""
+    ends = end_rods(mechanism)
+    return [(r.start, r.end) for r in mechanism.rods if r.start is not None and (r.start, r.end) not in ends]
+
+
 def slide_along_rods(mechanism: Mechanism, log_scale: Array, x: Array) -> Array:
     """Move the free end of each end rod along it, by a factor on the rod's length.
 

@@ -20,7 +20,7 @@ NORMAL_90 = 1.6448536
 class Uncertainty:
     """What identification found, with everything free that motion can tell, and how far it may be off.
 
-    Numbers are by name: "log_masses" `[K]`, "level" `[c]`, the linear terms of V and g, "potential" `[n, 1]`,
+    Numbers are by name: "log_masses" `[K + L]`, "level" `[c]`, the linear terms of V and g, "potential" `[n, 1]`,
     "input" `[n, n*m]` and "constant_input" `[n*m]`, springs along rails, if the model has some, "spring" `[S]`, and
     where masses lie beside the keypoints, "rod_scale" and "lean" `[K]`.
 
@@ -85,11 +85,12 @@ class Uncertainty:
 def numbers_of(parameters: Parameters, rod_scale: Any, lean: Any) -> dict[str, Any]:
     """The numbers of a model, or of training's variables, by the names of `Uncertainty`; JAX-traceable."""
     dynamics = parameters["dynamics"]
-    there = jnp.zeros_like(dynamics["log_masses"])
+    potential = dynamics["potential"]["linear"]["kernel"]
+    there = jnp.zeros(potential.shape[0] // 2)
     return {
         "log_masses": dynamics["log_masses"],
         "level": dynamics["level"],
-        "potential": dynamics["potential"]["linear"]["kernel"],
+        "potential": potential,
         **({"spring": dynamics["spring"]} if "spring" in dynamics else {}),
         "input": dynamics["input"]["linear"]["kernel"],
         "constant_input": dynamics["input"]["linear"]["bias"],

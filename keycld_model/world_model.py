@@ -134,7 +134,7 @@ class WorldModel(LearnedSystem):
 
     def mass_matrix(self) -> Floats:
         """M, [2K, 2K], diagonal, in units of the total mass, so of trace 2: every mass counts in x and in y."""
-        return np.asarray(mass_matrix(jnp.asarray(self.masses)))
+        return np.asarray(mass_matrix(self.mechanism, jnp.asarray(self.masses)))
 
     def constraint(self, x: ArrayLike) -> Floats:
         """Phi(x) - level of keypoints [..., K, 2], image units: [..., c], zero where the mechanism can be.

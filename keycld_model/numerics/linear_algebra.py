@@ -13,12 +13,12 @@ def solve_positive_definite(a: Array, b: Array, regularisation: float = 0.0) -> 
 
     Args:
         a: `[n, n]`, symmetric positive definite.
-        b: `[n]`.
+        b: `[n]` or `[n, k]`.
         regularisation: added to the diagonal as a fraction of its mean, so that a singular `a` gives a finite
             answer and a finite gradient.
 
     Returns:
-        z: `[n]`.
+        z: as b.
     """
     n = a.shape[0]
     if n == 0:

@@ -5,7 +5,8 @@ Every function is unbatched (`jax.vmap` adds batches). Positions are flat `[n]` 
 
 from keycld_model.physics.constraints import constraint, constraint_curvature, constraint_jacobian
 from keycld_model.physics.integrators import INTEGRATORS, Integrator, PointMasses, in_parts, in_turns
-from keycld_model.physics.lagrangian import acceleration, kinetic_energy, mass_matrix
+from keycld_model.physics.lagrangian import acceleration
+from keycld_model.physics.masses import kinetic_energy, lumped, mass_matrix, momentum
 from keycld_model.physics.projection import project_position, project_velocity
 
 __all__ = [
@@ -19,7 +20,9 @@ __all__ = [
     "in_parts",
     "in_turns",
     "kinetic_energy",
+    "lumped",
     "mass_matrix",
+    "momentum",
     "project_position",
     "project_velocity",
 ]

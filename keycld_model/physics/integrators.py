@@ -19,6 +19,7 @@ from keycld_envs.mechanism import Mechanism
 from keycld_model.numerics import rk4_step
 from keycld_model.physics.constraints import constraint, constraint_curvature, constraint_jacobian
 from keycld_model.physics.lagrangian import acceleration
+from keycld_model.physics.masses import divided, lumped, momentum
 from keycld_model.physics.projection import project_position, project_velocity
 
 NEWTON = 4
@@ -33,7 +34,7 @@ class PointMasses:
 
     Attributes:
         mechanism: the declaration.
-        masses: `[K]`.
+        masses: `[K]` or `[K + L]`; see `keycld_model.physics.masses`.
         level: `[c]` values of Phi.
         pivot: `[2]` position of the fixed pivot, image units.
     """
@@ -42,6 +43,15 @@ class PointMasses:
     masses: Array
     level: Array
     pivot: Array
+
+    @property
+    def lumped(self) -> Array:
+        """Masses `[K]` of the keypoints, with half of each rod's at either end."""
+        return lumped(self.mechanism, self.masses)
+
+    def momentum(self, v: Array) -> Array:
+        """M v `[n]` of velocities `[n]`."""
+        return momentum(self.mechanism, self.masses, v)
 
     def acceleration(self, force: Array, x: Array, v: Array) -> Array:
         """x'' `[n]` under applied forces `[n]`."""
@@ -88,12 +98,11 @@ def projected(points: PointMasses, force: Force, x: Array, v: Array, step_size: 
 
 def rattle(points: PointMasses, force: Force, x: Array, v: Array, step_size: float | Array) -> tuple[Array, Array]:
     """RATTLE (Andersen, 1983): symmetric, symplectic, and on the constraints at every step."""
-    h, inverse_mass = step_size, 1.0 / jnp.repeat(points.masses, 2)
-    mechanism, pivot = points.mechanism, points.pivot
+    h, mechanism, pivot = step_size, points.mechanism, points.pivot
     # Its multipliers are those of the acceleration to first order.
     half = v + 0.5 * h * points.acceleration(force(x), x, v)
     if mechanism.num_constraints:
-        pull = inverse_mass[:, None] * constraint_jacobian(mechanism, x, pivot).T
+        pull = divided(mechanism, points.masses, constraint_jacobian(mechanism, x, pivot)).T
 
         def newton(half: Array, _: None) -> tuple[Array, None]:
             moved = x + h * half
@@ -103,7 +112,7 @@ def rattle(points: PointMasses, force: Force, x: Array, v: Array, step_size: flo
 
         half, _ = jax.lax.scan(newton, half, length=NEWTON)
     x = x + h * half
-    return x, points.project_velocity(x, half + 0.5 * h * inverse_mass * force(x))
+    return x, points.project_velocity(x, half + 0.5 * h * divided(mechanism, points.masses, force(x)))
 
 
 def in_parts(integrator: Integrator, parts: int | Array) -> Integrator:

@@ -1,12 +1,12 @@
 """Projection of positions and velocities on a mechanism's constraints, in the metric of the mass matrix."""
 
-import jax.numpy as jnp
 from jax import Array
 
 from keycld_envs.mechanism import Mechanism
 from keycld_model.numerics import solve_positive_definite
 from keycld_model.physics.constraints import constraint, constraint_jacobian
 from keycld_model.physics.lagrangian import MULTIPLIER_REGULARISATION
+from keycld_model.physics.masses import divided
 
 
 def project_position(
@@ -16,7 +16,7 @@ def project_position(
 
     Args:
         mechanism: the declaration.
-        masses: `[K]`.
+        masses: `[K]` or `[K + L]`; see `keycld_model.physics.masses`.
         level: `[c]` values of Phi to meet.
         x: `[n]` positions close to the manifold.
         pivot: `[2]` position of the fixed pivot; the declared one when absent.
@@ -27,14 +27,13 @@ def project_position(
     """
     if mechanism.num_constraints == 0:
         return x
-    inverse_mass = 1.0 / jnp.repeat(masses, 2)
     for _ in range(iterations):
         jacobian = constraint_jacobian(mechanism, x, pivot)
         error = constraint(mechanism, x, pivot) - level
         multipliers = solve_positive_definite(
-            (jacobian * inverse_mass[None]) @ jacobian.T, error, MULTIPLIER_REGULARISATION
+            divided(mechanism, masses, jacobian) @ jacobian.T, error, MULTIPLIER_REGULARISATION
         )
-        x = x - inverse_mass * (multipliers @ jacobian)
+        x = x - divided(mechanism, masses, multipliers @ jacobian)
     return x
 
 
@@ -42,9 +41,8 @@ def project_velocity(mechanism: Mechanism, masses: Array, x: Array, v: Array, pi
     """Remove from velocities `[n]` the part that would violate D Phi(x) v = 0; arguments as above."""
     if mechanism.num_constraints == 0:
         return v
-    inverse_mass = 1.0 / jnp.repeat(masses, 2)
     jacobian = constraint_jacobian(mechanism, x, pivot)
     multipliers = solve_positive_definite(
-        (jacobian * inverse_mass[None]) @ jacobian.T, jacobian @ v, MULTIPLIER_REGULARISATION
+        divided(mechanism, masses, jacobian) @ jacobian.T, jacobian @ v, MULTIPLIER_REGULARISATION
     )
-    return v - inverse_mass * (multipliers @ jacobian)
+    return v - divided(mechanism, masses, multipliers @ jacobian)

@@ -16,6 +16,7 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from keycld_model.modules import Parts
+from keycld_model.physics import lumped
 from keycld_model.places import to_masses
 from keycld_model.training.actuation import joint_forces
 from keycld_model.training.coordinates import HUBER, Coordinates, programs
@@ -317,7 +318,7 @@ class Problem:
 
     def _influences(self, p: dict[str, Array]) -> tuple[Array, Array]:
         """Masses `[K, 1]`, squared forces of motors `[K, m]` as Gauss's principle of least constraint counts them."""
-        n, mass = 2 * self.mechanism.num_keypoints, jax.nn.softmax(p["inertia"])[:, None]
+        n, mass = 2 * self.mechanism.num_keypoints, lumped(self.mechanism, jax.nn.softmax(p["inertia"]))[:, None]
         linear = jnp.sum(p["input"].reshape(n, n // 2, 2, -1) ** 2, axis=(0, 2))
         constant = jnp.sum(p["constant_input"].reshape(n // 2, 2, -1) ** 2, axis=1)
         return mass, (linear + constant) / mass

@@ -151,6 +151,6 @@ def test_nearest_action_solves_the_bounded_least_squares_problem(size, seed):
     inputs, wanted, free = rng.normal(size=(6, size)), 3 * rng.normal(size=6), rng.normal(size=6)
     weight, high = rng.uniform(0.5, 2, 6), rng.uniform(0.2, 1, size)
     expected = lsq_linear(np.sqrt(weight)[:, None] * inputs, np.sqrt(weight) * (wanted - free), (-high, high)).x
-    response = Response(jnp.asarray(free), jnp.asarray(inputs), jnp.asarray(weight))
+    response = Response(jnp.asarray(free), jnp.asarray(inputs), jnp.asarray(weight[:, None] * inputs))
     found = nearest_action(response, jnp.asarray(wanted), -jnp.asarray(high), jnp.asarray(high))
     np.testing.assert_allclose(found, expected, atol=2e-3)

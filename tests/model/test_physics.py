@@ -11,6 +11,7 @@ from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_envs.projection import world_to_image
 from keycld_model import physics
 from keycld_model.physics.lagrangian import MULTIPLIER_REGULARISATION
+from keycld_model.places import inner_rods
 
 pytestmark = pytest.mark.usefixtures("unoptimised", "x64")
 
@@ -19,11 +20,13 @@ CARTPOLE = get_system("cartpole").mechanism
 ACROBOT = get_system("acrobot").mechanism
 FREE = Mechanism(2, 1)
 TRIANGLE = Mechanism(3, 1, rods=(Rod(None, 0), Rod(0, 1), Rod(1, 2), Rod(0, 2)))
+CHAIN = Mechanism(4, 1, rods=(Rod(None, 0), Rod(0, 1), Rod(1, 2), Rod(2, 3)))
 SLIDER_CRANK = Mechanism(2, 1, rods=(Rod(None, 0), Rod(0, 1)), sliders=(Slider(1),))
 SCOTCH = Mechanism(2, 1, rods=(Rod(0, 1),), sliders=(Slider(0, (0.6, 0.8)), Slider(1, (1.0, 0.0))), pivot=(0.1, -0.2))
 MECHANISMS = {
     **{name: get_system(name).mechanism for name in REFERENCE_SYSTEMS},
     "free": FREE,
+    "chain of four": CHAIN,
     "triangle on a rod (closed loop)": TRIANGLE,
     "slider-crank (closed loop)": SLIDER_CRANK,
     "elliptic trammel (closed loop)": SCOTCH,
@@ -32,7 +35,8 @@ all_mechanisms = pytest.mark.parametrize("mechanism", MECHANISMS.values(), ids=M
 
 
 def masses_of(mechanism):
-    return jnp.arange(1.0, mechanism.num_keypoints + 1)
+    """Of keypoints, and of rods between two joints, if there are any."""
+    return jnp.arange(1.0, mechanism.num_keypoints + len(inner_rods(mechanism)) + 1)
 
 
 def state(mechanism, seed=0):
@@ -71,11 +75,11 @@ def test_accelerations_solve_the_equations_of_motion(mechanism):
     masses, force = masses_of(mechanism), jnp.asarray(np.random.default_rng(2).normal(size=x.shape))
     c, n = mechanism.num_constraints, x.size
     jacobian = np.asarray(physics.constraint_jacobian(mechanism, x))
-    matrix = np.block([[np.asarray(physics.mass_matrix(masses)), jacobian.T], [jacobian, np.zeros((c, c))]])
+    matrix = np.block([[np.asarray(physics.mass_matrix(mechanism, masses)), jacobian.T], [jacobian, np.zeros((c, c))]])
     right = np.concatenate([force, -np.asarray(physics.constraint_curvature(mechanism, v))])
     expected = np.linalg.solve(matrix, right)[:n]
     ours = physics.acceleration(mechanism, masses, force, x, v)
-    schur = jacobian @ np.linalg.inv(physics.mass_matrix(masses)) @ jacobian.T
+    schur = jacobian @ np.linalg.inv(physics.mass_matrix(mechanism, masses)) @ jacobian.T
     tolerance = 1e-9 + MULTIPLIER_REGULARISATION * (np.linalg.cond(schur) if c else 0)
     np.testing.assert_allclose(ours, expected, atol=10 * tolerance * np.abs(expected).max())
 
@@ -108,7 +112,7 @@ def test_projections_reach_the_manifold_and_stay_there(mechanism):
     np.testing.assert_allclose(physics.project_velocity(mechanism, masses, on, tangent), tangent, atol=1e-4 * scale)
     # Orthogonal in the metric of the masses: no other tangent velocity has a smaller kinetic energy of the difference.
     basis = np.linalg.svd(np.asarray(physics.constraint_jacobian(mechanism, on)))[2][mechanism.num_constraints :]
-    difference = np.asarray(physics.mass_matrix(masses)) @ (fast - tangent)
+    difference = np.asarray(physics.mass_matrix(mechanism, masses)) @ (fast - tangent)
     np.testing.assert_allclose(basis @ difference, 0, atol=1e-8 * scale)
 
 

@@ -43,7 +43,7 @@ def drift(model: WorldModel, test: Dataset) -> dict[str, Any]:
                 new = step(*state)
                 potential = dynamics.potential_energy(new[0])
                 off = jnp.max(jnp.abs(dynamics.constraint(new[0]) - dynamics.level[...]))
-                return new, (kinetic_energy(dynamics.masses, new[1]) + potential, potential, off)
+                return new, (kinetic_energy(dynamics.held, dynamics.masses, new[1]) + potential, potential, off)
 
             return jax.lax.scan(advance, dynamics.project(x, v), length=STEPS)[1]
 
