@@ -29,6 +29,7 @@ from keycld_model.added_effects import allowed_states, learned_power, weights_of
 from keycld_model.joints import joint_scales, measured, wrapped
 from keycld_model.lagrangian import Lagrangian
 from keycld_model.learned_system import LearnedSystem
+from keycld_model.physics import heavy_rods
 from keycld_model.places import carried, inner_rods
 
 Floats = NDArray[np.floating]
@@ -343,7 +344,7 @@ def _links(model: LearnedSystem) -> list[_Link]:
     """One per keypoint."""
     masses, count = model.masses.astype(float), model.mechanism.num_keypoints
     links = [_Link(mass, 1.0, 0.0) for mass in masses[:count]]
-    for (_, end), rod in zip(inner_rods(model.mechanism), masses[count:], strict=False):
+    for (_, end), rod in zip(heavy_rods(model.mechanism, masses), masses[count:], strict=True):
         own, total = masses[end], masses[end] + rod
         links[end] = _Link(total, 1 - rod / total / 2, np.sqrt(own * rod) / total / 2)
     return links

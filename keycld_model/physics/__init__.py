@@ -6,7 +6,7 @@ Every function is unbatched (`jax.vmap` adds batches). Positions are flat `[n]` 
 from keycld_model.physics.constraints import constraint, constraint_curvature, constraint_jacobian
 from keycld_model.physics.integrators import INTEGRATORS, Integrator, PointMasses, in_parts, in_turns
 from keycld_model.physics.lagrangian import acceleration
-from keycld_model.physics.masses import kinetic_energy, lumped, mass_matrix, momentum
+from keycld_model.physics.masses import heavy_rods, kinetic_energy, lumped, mass_matrix, momentum
 from keycld_model.physics.projection import project_position, project_velocity
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "constraint",
     "constraint_curvature",
     "constraint_jacobian",
+    "heavy_rods",
     "in_parts",
     "in_turns",
     "kinetic_energy",

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from keycld_envs import Landmark, Rod, System
 from keycld_envs.projection import pose
+from keycld_model.places import inner_rods
 
 Array = NDArray[np.floating]
 POSES = 40
@@ -25,7 +26,7 @@ class Truth:
     Attributes:
         system: with its keypoints where the point masses are.
         model: the simulator.
-        masses: `[K]` fractions of the total.
+        masses: `[K]` fractions of the total, then `[L]` in the middle of rods between two joints.
         weights: `[K]` downward forces on the point masses, image units per second squared.
         torques: `[nv, m]` joint torques per unit of action, image units squared per second squared (hinges).
     """
@@ -91,6 +92,8 @@ def truth_of(system: System) -> Truth:
         mujoco.mj_fullM(model, data, inertia[i])
         energy[i] = data.energy[0]
     j = first.jacobian(poses).reshape(POSES, -1, 2, model.nv)
+    middles = [(j[:, start] + j[:, end]) / 2 for start, end in inner_rods(system.mechanism)]
+    j = np.concatenate([j, *(middle[:, None] for middle in middles)], axis=1)
     each = np.einsum("pkdi,pkdj->pijk", j, j).reshape(-1, j.shape[1])
     masses = _solved(each, inertia.ravel())  # kg m^2 per squared image unit
     heights = np.column_stack([first.positions(poses)[..., 1], np.ones(POSES)])
