@@ -9,6 +9,8 @@ Consistent Mass Matrix for Distributed Mass Systems, 1963).
 Masses are `[K]` of the keypoints, or `[K + L]` with those of the L rods of `places.inner_rods` in their order.
 """
 
+from collections.abc import Sized
+
 import jax.numpy as jnp
 from jax import Array
 
@@ -17,7 +19,7 @@ from keycld_model.numerics import solve_positive_definite
 from keycld_model.places import inner_rods
 
 
-def heavy_rods(mechanism: Mechanism, masses: Array) -> list[tuple[int, int]]:
+def heavy_rods(mechanism: Mechanism, masses: Sized) -> list[tuple[int, int]]:
     """Rods (start, end) that have masses of their own: all between two joints, or none."""
     return inner_rods(mechanism) if len(masses) > mechanism.num_keypoints else []
 

@@ -41,7 +41,7 @@ def rollout(dynamics, x, v, u, timestep):
 
 
 def energies(dynamics, xs, vs):
-    kinetic = jax.vmap(partial(physics.kinetic_energy, dynamics.masses))(vs)
+    kinetic = jax.vmap(partial(physics.kinetic_energy, dynamics.held, dynamics.masses))(vs)
     return np.asarray(kinetic + jax.vmap(dynamics.potential_energy)(xs))
 
 
@@ -73,7 +73,7 @@ def test_work_of_the_actions_is_the_change_of_energy(name):
     a = dynamics.acceleration(x, v, u)
 
     def energy(t):
-        return physics.kinetic_energy(dynamics.masses, v + t * a) + dynamics.potential_energy(x + t * v)
+        return physics.kinetic_energy(dynamics.held, dynamics.masses, v + t * a) + dynamics.potential_energy(x + t * v)
 
     power = v @ dynamics.input_matrix(x) @ u
     np.testing.assert_allclose(jax.grad(energy)(0.0), power, rtol=1e-4, atol=1e-4)

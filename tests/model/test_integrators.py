@@ -61,7 +61,7 @@ class Swinging:
         return self.body.points(data.qpos.copy())
 
     def energy(self, x, v):
-        kinetic = jax.vmap(partial(physics.kinetic_energy, self.points.masses))(v)
+        kinetic = jax.vmap(partial(physics.kinetic_energy, self.points.mechanism, self.points.masses))(v)
         return np.asarray(kinetic - x @ self.weight)
 
 

@@ -73,7 +73,7 @@ def test_it_moves_as_mujocos_links_do(seed):
     @jax.vmap
     def follow(x, u):
         def step(state, u):
-            state = model.fine_step(*state, u, parts.config.timestep)
+            state = model.fine_step(state[0], state[1], u, parts.config.timestep)
             return state, state[0]
 
         return jax.lax.scan(step, (x, jnp.zeros_like(x)), u)[1]
