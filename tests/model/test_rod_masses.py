@@ -11,6 +11,7 @@ import pytest
 from keycld_control.benchmarks.intervals.keypoints import near_truth, simulate
 from keycld_control.benchmarks.intervals.mechanisms import drawn_arm
 from keycld_control.benchmarks.intervals.truth import truth_of
+from keycld_control.plant import Plant, energy, responses
 from keycld_envs import get_system
 from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_model import WorldModel, physics
@@ -108,6 +109,22 @@ def test_as_mjcf_it_moves_as_the_model_says():
             x, v = step(x, v, jnp.asarray(data.ctrl, jnp.float32))
         mujoco.mj_forward(document, data)
         assert np.abs(np.asarray(x) - data.site_xpos[sites][:, [0, 2]].ravel()).max() < 0.005
+
+
+def test_agents_reckon_with_it():
+    _, parts, variables = exact(0)
+    world, lagrangian = model_of(parts, variables), parts.lagrangian(variables)
+    plant, rng = Plant.of(world), np.random.default_rng(0)
+    x, v = lagrangian.project(*(jnp.asarray(rng.normal(scale=0.3, size=6), jnp.float32) for _ in range(2)), 10)
+    u = jnp.asarray([0.5, -1.0, 0.7])
+    response, _ = responses(plant, x, v)
+    expected = lagrangian.acceleration(x, v, u)
+    size = float(jnp.abs(expected).max())
+    np.testing.assert_allclose(response.free + response.inputs @ u, expected, atol=1e-4 * size)
+    matrix = world.mass_matrix()
+    np.testing.assert_allclose(response.gram, response.inputs.T @ matrix @ response.inputs, rtol=1e-4, atol=1e-4)
+    kinetic = energy(plant, x, v) - plant.potential_energy(x)
+    assert float(kinetic) == pytest.approx(float(v @ matrix @ v) / 2, rel=1e-4)
 
 
 def test_checkpoints_from_before_have_none(tmp_path):
