@@ -42,23 +42,36 @@ def inner_rods(mechanism: Mechanism) -> list[tuple[int, int]]:
     return [(r.start, r.end) for r in mechanism.rods if r.start is not None and (r.start, r.end) not in ends]
 
 
+def sliding_rods(mechanism: Mechanism) -> list[tuple[int, int]]:
+    """Rods (start, end) between keypoints that alone hold their end and what hangs on it, each after its start's."""
+    holders = [r.end for r in mechanism.rods] + [s.keypoint for s in mechanism.sliders]
+    free = [
+        (r.start, r.end)
+        for r in mechanism.rods
+        if r.start is not None and all(holders.count(k) == 1 for k in carried(mechanism, r.end))
+    ]
+    return sorted(free, key=lambda rod: -len(carried(mechanism, rod[1])))
+
+
 def slide_along_rods(mechanism: Mechanism, log_scale: Array, x: Array) -> Array:
-    """Move the free end of each end rod along it, by a factor on the rod's length.
+    """Move the end of each rod of `sliding_rods` along it, with all that hangs on it, by a factor on the rod's length.
 
     A single point mass stands for a whole link only at one distance from the joint (paper, appendix A.3), and pictures
-    do not show where that is. This finds it without touching the images.
+    do not show where that is. Nor do they show where along a link its next joint is: a keypoint beside that joint, and
+    all after it as far beside theirs, keep every constraint. Motion tells both, without touching the images.
 
     Args:
         mechanism: the declaration.
-        log_scale: `[K]` logarithms of the factors; used for ends of end rods only.
+        log_scale: `[K]` logarithms of the factors; used for ends of such rods only.
         x: `[..., n]` positions.
 
     Returns:
         `[..., n]`.
     """
-    points = [x[..., 2 * k : 2 * k + 2] for k in range(mechanism.num_keypoints)]
-    for start, end in end_rods(mechanism):
-        points[end] = points[start] + jnp.exp(log_scale[end]) * (points[end] - points[start])
+    seen = [x[..., 2 * k : 2 * k + 2] for k in range(mechanism.num_keypoints)]
+    points = list(seen)
+    for start, end in sliding_rods(mechanism):
+        points[end] = points[start] + jnp.exp(log_scale[end]) * (seen[end] - seen[start])
     return jnp.concatenate(points, axis=-1)
 
 

@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 
 from keycld_model.config import ModelConfig
 from keycld_model.modules import Parts
-from keycld_model.places import end_rods, rails, slide_along_rods, to_keypoints
+from keycld_model.places import rails, slide_along_rods, sliding_rods, to_keypoints
 from keycld_model.training.stage import Variables
 
 HUBER = 0.01
@@ -47,7 +47,7 @@ class Coordinates:
     @property
     def ends(self) -> Array:
         """Keypoints at the ends of rods, along which masses may be elsewhere."""
-        return jnp.asarray([end for _, end in end_rods(self.config.mechanism)] if self.slide else [], int)
+        return jnp.asarray([end for _, end in sliding_rods(self.config.mechanism)] if self.slide else [], int)
 
     @property
     def leaning(self) -> Array:
@@ -109,7 +109,7 @@ class Coordinates:
 
     def _stretched_levels(self, rod_scale: Array) -> Array:
         """`[c]` factors on the constants of the constraints between what is seen and where the masses are."""
-        ends = [end for _, end in end_rods(self.config.mechanism)]
+        ends = [end for _, end in sliding_rods(self.config.mechanism)]
         rods = [jnp.exp(2 * rod_scale[r.end]) if r.end in ends else jnp.ones(()) for r in self.config.mechanism.rods]
         return jnp.stack(rods + [jnp.ones(())] * len(self.config.mechanism.sliders))
 

@@ -19,13 +19,15 @@ from keycld_model.config import PAPER_NETWORKS, ModelConfig, NetworkConfig
 from keycld_model.learned_mjcf import learned_mjcf
 from keycld_model.modules import Parts
 from keycld_model.physics.masses import divided
-from keycld_model.places import end_rods, inner_rods
+from keycld_model.places import end_rods, inner_rods, slide_along_rods, sliding_rods
 from keycld_model.training.covariance import measure_uncertainty
 from keycld_model.training.identification import identify
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 CHAIN = Mechanism(4, 1, rods=(Rod(None, 0), Rod(0, 1), Rod(1, 2), Rod(2, 3)))
 CART = Mechanism(3, 1, rods=(Rod(0, 1), Rod(1, 2)), sliders=(Slider(0),))
+BEYOND = 0.04
+"""Logarithm of a rod's length as seen, over its own."""
 MASSES = jnp.asarray([0.2, 0.1, 0.15, 0.25, 0.1, 0.2])
 
 
@@ -44,7 +46,9 @@ def model_of(parts, variables):
 
 def test_rods_between_two_joints():
     assert inner_rods(CHAIN) == [(0, 1), (1, 2)] and end_rods(CHAIN) == [(2, 3)]
-    assert inner_rods(CART) == [(0, 1)]
+    assert inner_rods(CART) == [(0, 1)] and sliding_rods(CART) == [(0, 1), (1, 2)]
+    ring = replace(CHAIN, rods=(*CHAIN.rods, Rod(1, 3)))
+    assert sliding_rods(ring) == [] and sliding_rods(CHAIN) == [(0, 1), (1, 2), (2, 3)]
     assert all(inner_rods(get_system(name).mechanism) == [] for name in ("pendulum", "cartpole", "acrobot"))
 
 
@@ -139,12 +143,15 @@ def test_checkpoints_from_before_have_none(tmp_path):
 
 
 @pytest.mark.long
-def test_identification_finds_it_and_says_how_far_it_may_be_off(tmp_path):
+def test_identification_finds_it_beside_joints_and_says_how_far_it_may_be_off(tmp_path):
+    """The second keypoint is seen 4 % of its rod beyond the joint, and so is what hangs on it."""
     truth, parts, near = exact(1, off=0.2)
     rng = np.random.default_rng(5)
     motion = simulate(truth, 20, 24, rng)
     x = truth.positions(motion.qpos).reshape(20, 24, -1)
-    seen = (x + 0.001 * rng.normal(size=x.shape)).astype(np.float32)
+    beyond = jnp.asarray([0.0, BEYOND, 0.0])
+    at_keypoints = slide_along_rods(parts.config.mechanism, beyond, jnp.asarray(x, jnp.float32))
+    seen = np.asarray(at_keypoints + 0.001 * rng.normal(size=x.shape), np.float32)
     actions = motion.actions.astype(np.float32)
     level = jax.vmap(parts.dynamics(near).constraint)(jnp.asarray(seen[:, 0])).mean(axis=0)
     start = x[:, 0].astype(np.float32)
@@ -157,6 +164,7 @@ def test_identification_finds_it_and_says_how_far_it_may_be_off(tmp_path):
     }
     found = identify(parts, near, seen, actions, iterations=10, sparse=True)
     masses = parts.lagrangian(found).masses
+    assert found["rod_scale"][1] == pytest.approx(-BEYOND, abs=0.01)
     np.testing.assert_allclose(masses, truth.masses, atol=0.02)
     uncertainty = measure_uncertainty(parts, {k: found[k] for k in ("dynamics", "trajectories")}, seen, actions)
     model = replace(model_of(parts, found), uncertainty=uncertainty)

@@ -23,7 +23,15 @@ from keycld_model.checkpoint import flatten, read_checkpoint, write_checkpoint
 from keycld_model.config import PAPER_NETWORKS
 from keycld_model.evaluation import prediction_errors
 from keycld_model.modules import Parts
-from keycld_model.places import end_rods, lean_along_rails, rails, slide_along_rods, to_keypoints, to_masses
+from keycld_model.places import (
+    end_rods,
+    lean_along_rails,
+    rails,
+    slide_along_rods,
+    sliding_rods,
+    to_keypoints,
+    to_masses,
+)
 from keycld_model.training import PRESETS, Preset, TrainingData, TrainingError, loop, relocate, train
 from keycld_model.training.discover import Discover
 from keycld_model.training.distil import Distil
@@ -403,17 +411,24 @@ def test_local_polynomials_are_exact_for_cubics():
     np.testing.assert_allclose(v[0, :, 0], 2 - 60 * t + 300 * t**2, atol=1e-3)
 
 
-def test_keypoints_slide_along_end_rods_only():
+def test_keypoints_slide_along_rods_with_all_that_hangs_on_them():
     from keycld_envs import get_system
 
     acrobot = get_system("acrobot").mechanism
-    assert end_rods(acrobot) == [(0, 1)]
-    assert end_rods(MECHANISM) == []
+    assert sliding_rods(acrobot) == end_rods(acrobot) == [(0, 1)]
+    assert sliding_rods(MECHANISM) == end_rods(MECHANISM) == []
     x = jnp.array([[0.1, 0.2, 0.5, 0.5]])
     scale = jnp.array([5.0, np.log(2.0)])
     moved = slide_along_rods(acrobot, scale, x)
     np.testing.assert_allclose(moved, [[0.1, 0.2, 0.9, 0.8]], rtol=1e-5)
     np.testing.assert_allclose(slide_along_rods(acrobot, -scale, moved), x, rtol=1e-5)
+    chain = Mechanism(4, 1, rods=(Rod(1, 2), Rod(None, 0), Rod(0, 1), Rod(2, 3)))
+    assert sliding_rods(chain) == [(0, 1), (1, 2), (2, 3)]
+    x = jnp.array([0.0, 0.1, 0.1, 0.1, 0.1, 0.3, 0.4, 0.3])
+    scale = jnp.log(jnp.array([3.0, 2.0, 1.0, 0.5]))
+    moved = slide_along_rods(chain, scale, x)
+    np.testing.assert_allclose(moved, [0.0, 0.1, 0.2, 0.1, 0.2, 0.3, 0.35, 0.3], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(slide_along_rods(chain, -scale, moved), x, rtol=1e-5, atol=1e-7)
 
 
 def test_keypoints_lean_along_rails_with_all_that_hangs_on_them():
