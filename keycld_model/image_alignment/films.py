@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 from keycld_envs.recordings.crop import reduced
+from keycld_model.image_alignment.chroma import HalvedChroma
 
 Array = NDArray[np.float64]
 Frames = NDArray[np.uint8]
@@ -27,11 +28,14 @@ class Films:
         times: of each recording, `[T]` s.
         frames: of each, `[T, H, W, 3]`.
         repeated: number of frames that are left out of all, because they show an earlier one again.
+        halved: what drawings become that are compared with frames of luma and chroma; None if frames are of red, green
+            and blue.
     """
 
     times: tuple[Array, ...]
     frames: tuple[Frames, ...]
     repeated: int = 0
+    halved: HalvedChroma | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -54,7 +58,7 @@ class Films:
 
 
 def read_films(recordings: Sequence[Recording]) -> Films:
-    """The frames of recordings without repeated ones; large ones are reduced.
+    """The frames of recordings without repeated ones; large ones are reduced, and those with halved chroma separated.
 
     Raises:
         InputError: if there are none, or of several sizes, or fewer than two in a recording.
@@ -71,7 +75,9 @@ def read_films(recordings: Sequence[Recording]) -> Films:
             )
         again = repeats(films[-1])
         times[-1], films[-1], repeated = times[-1][~again], films[-1][~again], repeated + int(again.sum())
-    return Films(tuple(times), tuple(films), repeated)
+    halved = HalvedChroma.of(films)
+    seen = films if halved is None else [halved.filmed(frames) for frames in films]
+    return Films(tuple(times), tuple(seen), repeated, halved)
 
 
 def repeats(frames: Frames) -> NDArray[np.bool_]:

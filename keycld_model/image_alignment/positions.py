@@ -25,6 +25,7 @@ from keycld_model.image_alignment.calibration import (
     reading_error,
     unexplained_by,
 )
+from keycld_model.image_alignment.chroma import HalvedChroma
 from keycld_model.image_alignment.films import Films, read_films
 from keycld_model.image_alignment.fit_look import STEPS, UNSEEN, Look, find_pose, fit_look
 from keycld_model.image_alignment.follow import follow, turning
@@ -127,13 +128,14 @@ def read_positions(
     quality: Quality = "full" if recordings[0].render_quality == "full" else "fast"
     name = _camera(recordings, model, camera)
     with progress("Reading positions off images", total=films.number + 300) as advance:
-        with Scene(model, name, films.size, quality) as scene:
+        with Scene(model, name, films.size, quality, films.halved) as scene:
             stills = [np.median(f[:: max(1, len(f) // 60)], axis=0).astype(np.float32) for f in films.frames]
             bank = Bank(scene, scene.nominal)
             advance(100)
             around = Surroundings.of(films.frames)
             look = fit_look(scene, stills, films.spread(FRAMES), bank, around, partial(advance, 200 // STEPS))
-            reader, parameters = _Reader(model, name, quality, look.values, look.bank), scene.parameters
+            reader = _Reader(model, name, quality, films.halved, look.values, look.bank)
+            parameters = scene.parameters
             seen = look.seen or _shown(scene, look, films, stills)
         jobs = list(zip(look.lights, films.times, films.frames, strict=True))
         followed, changes = [], []
@@ -179,6 +181,7 @@ class _Reader:
     model: mujoco.MjModel
     camera: str
     quality: Quality
+    halved: HalvedChroma | None
     look: Array
     bank: Bank
 
@@ -197,7 +200,7 @@ class _Reader:
 
     def _scene(self, job: Job) -> Scene:
         height, width = job[2].shape[1:3]
-        return Scene(self.model, self.camera, (height, width), self.quality)
+        return Scene(self.model, self.camera, (height, width), self.quality, self.halved)
 
 
 def _camera(recordings: Sequence[Recording], model: mujoco.MjModel, camera: str | None) -> str:

@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from keycld_envs.projection import distance_of_links, focal_length, pose, world_to_image
 from keycld_envs.rendering import Quality, Renderer
+from keycld_model.image_alignment.chroma import HalvedChroma
 from keycld_model.image_alignment.look import CAMERA, lengthen, look_parameters, pixels_of, view_of
 
 Array = NDArray[np.float64]
@@ -60,13 +61,20 @@ class Scene:
         focal: length of the camera, pixels.
     """
 
-    def __init__(self, model: mujoco.MjModel, camera: str, size: tuple[int, int], quality: Quality) -> None:
-        """With a camera of the model; opens OpenGL.
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        camera: str,
+        size: tuple[int, int],
+        quality: Quality,
+        halved: HalvedChroma | None = None,
+    ) -> None:
+        """With a camera of the model, and chroma as films have it; opens OpenGL.
 
         Raises:
             InputError: if no OpenGL context can be opened.
         """
-        self.model, self.size, self._camera = model, size, camera
+        self.model, self.size, self._camera, self._halved = model, size, camera, halved
         self.parameters = look_parameters(model, size)
         self.nominal = np.zeros(len(self.parameters))
         self._drawn = copy.copy(model)
@@ -89,7 +97,8 @@ class Scene:
         self._place(q, values)
         view = view_of(values, self._distance)
         image = self._renderer.render(self._data, self._camera, view).astype(np.float32)
-        return softened(image, float(np.sqrt(values[-1] + soft**2)))
+        blurred = softened(image, float(np.sqrt(values[-1] + soft**2)))
+        return blurred if self._halved is None else self._halved.drawn(blurred)
 
     def jacobian(self, q: Array, values: Array, steps: Array, there: Image, soft: float = 0.0) -> Slopes:
         """How the image `there` changes with the joints, in central differences of these steps `[nq]`."""
