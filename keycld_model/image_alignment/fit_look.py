@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import CAMERA
+from keycld_model.image_alignment.polish import polished
 from keycld_model.image_alignment.pose import FINEST, OUTLIER, TRUSTED, Pose, align, robust_weights
 from keycld_model.image_alignment.scene import STEP, Scene, softened
 from keycld_model.image_alignment.surroundings import Surroundings
@@ -100,7 +101,8 @@ def fit_look(
 ) -> Look:
     """Fit the look of a scene.
 
-    By Gauss-Newton; after the first sharp steps, the camera is told from what does not move, if that is drawn.
+    By Gauss-Newton; after the first sharp steps, the camera is told from what does not move, if that is drawn. Of
+    compressed frames, lengths are searched for at the end, see `polish`.
 
     Args:
         scene: that draws.
@@ -132,6 +134,8 @@ def fit_look(
         freer = loose is not None and len(loose) > (0 if before is None else len(before))
         if turn and moved <= FEW and state.moves <= SETTLED and not freer:
             break
+    if scene.compressed:
+        state = _polished(scene, state, loose)
     of_each = [[s.pose for s in state.samples if s.recording == r] for r in range(len(stills))]
     best = tuple(max(poses, key=lambda pose: pose.explained) for poses in of_each)
     return Look(state.values, state.deviation, tuple(_lights(scene, state)), state.bank, best)
@@ -161,6 +165,17 @@ def _with_camera(scene: Scene, state: _State, look: Array) -> _State:
     """With another camera."""
     moves = STEP * np.abs((look - state.values) / scene.look_steps())[: len(CAMERA)]
     return state._replace(values=look, moves=max(state.moves, float(moves.max())))
+
+
+def _polished(scene: Scene, state: _State, loose: Array | None) -> _State:
+    """With the visible lengths, and what still pixels do not tell of the camera, that leave the least of the frames."""
+    lengths = np.diag(scene.look_steps())[[parameter.body is not None for parameter in scene.parameters]]
+    directions = lengths if loose is None else np.concatenate([lengths, loose])
+    lights = _lights(scene, state)
+    seen = [(s.frame, lights[s.recording], s.pose.q) for s in state.samples if s.seen]
+    if not len(directions) or not seen:
+        return state
+    return _again(scene, state._replace(values=polished(scene, state.values, directions, seen)))[0]
 
 
 def _stepped(scene: Scene, state: _State, soft: float, loose: Array | None, blur: bool) -> _State:

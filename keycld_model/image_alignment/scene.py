@@ -177,6 +177,11 @@ class Scene:
         pose(self._drawn, self._data, q)
 
     @property
+    def compressed(self) -> bool:
+        """Whether it is drawn as compressed films show it."""
+        return self._halved is not None
+
+    @property
     def _moving(self) -> NDArray[np.intp]:
         """Indices `[G]` of geoms that move."""
         return np.flatnonzero(self.model.body_weldid[self.model.geom_bodyid] > 0)

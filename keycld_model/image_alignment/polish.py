@@ -1,0 +1,93 @@
+"""The end of a look's fit to compressed frames, without derivatives.
+
+What compression leaves goes with the edges of what is drawn, and so with slopes of drawings, which are of finite
+differences: the look at which least squares along such slopes come to rest has not the least squares.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from keycld_model.image_alignment.light import Light
+from keycld_model.image_alignment.pose import FINE, SATURATED
+from keycld_model.image_alignment.scene import STEP, Scene
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+REACH = (0.3, -0.15)
+"""Pixels of the first steps of simplex searches, one after the other."""
+EXACT = 0.01
+"""Pixels that what is seen moves by in the last steps."""
+EVALUATIONS = 60
+"""Of such a search, at most; each draws every frame three times."""
+FOLLOWING = 2
+"""Steps by which a pose follows a look."""
+
+
+@dataclass(frozen=True)
+class Follower:
+    """A frame whose pose follows when the look changes.
+
+    Attributes:
+        frame: `[H, W, 3]`.
+        light: of its recording.
+        q: `[nq]` pose with the look so far.
+        ahead: `[nq, k]` change of the pose with the look, in `k` directions.
+        back: `[nq, pixels]` change of the pose with what is left of the frame.
+    """
+
+    frame: Image
+    light: Light
+    q: Array
+    ahead: Array
+    back: Array
+
+    @classmethod
+    def of(cls, scene: Scene, look: Array, directions: Array, frame: Image, light: Light, q: Array) -> Self:
+        """About a look `[p]` and a pose, in directions `[k, p]`."""
+        steps = FINE * scene.joint_steps(q, look)
+        there = scene.render(q, look)
+        slopes = scene.jacobian(q, look, steps, there).first * light.gain
+        back = np.asarray(np.linalg.pinv(slopes.reshape(len(q), -1).T.astype(np.float64)), np.float64)
+        changes = [(scene.render(q, look + d) - scene.render(q, look - d)) / 2 * light.gain for d in directions]
+        return cls(frame, light, q, -back @ np.stack([change.ravel() for change in changes], axis=1), back)
+
+    def left(self, scene: Scene, look: Array, z: Array) -> float:
+        """Squares of grey levels that a drawing leaves where the look was moved by `[k]` directions."""
+        q, least = self.q + self.ahead @ z, np.inf
+        for step in range(FOLLOWING + 1):
+            left = np.clip(self.frame - self.light.apply(scene.render(q, look)), -SATURATED, SATURATED)
+            least = min(least, float(np.sum(left**2)))
+            if step < FOLLOWING:
+                q = q + self.back @ left.ravel()
+        return least
+
+
+def polished(scene: Scene, look: Array, directions: Array, frames: Sequence[tuple[Image, Light, Array]]) -> Array:
+    """The look `[p]` nearby with the least squares, by simplex searches (Nelder and Mead, 1965).
+
+    Args:
+        scene: that draws.
+        look: `[p]` to begin from.
+        directions: `[k, p]` in which it may move, each by about `STEP` pixels of what is seen.
+        frames: with the light of their recordings and the poses in that look.
+    """
+    followers = [Follower.of(scene, look, directions, *frame) for frame in frames]
+
+    def left(z: Array) -> float:
+        there = look + z @ directions
+        return sum(follower.left(scene, there, z) for follower in followers)
+
+    best = np.zeros(len(directions))
+    least = left(best)
+    for reach in REACH:
+        simplex = best + reach / STEP * np.vstack([0 * best, np.eye(len(best))])
+        options = {"maxfev": EVALUATIONS, "xatol": EXACT / STEP, "fatol": 0.0, "initial_simplex": simplex}
+        found = minimize(left, best, method="Nelder-Mead", options=options)
+        if found.fun < least:
+            best, least = found.x, float(found.fun)
+    return look + best @ directions
