@@ -8,8 +8,6 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-SHORT = ("swing_up", "what_my_simulator_lacks")
-"""Half a minute to one of processor time each; the others take two and four."""
 TUTORIALS = sorted((Path(__file__).parents[1] / "docs" / "tutorials").glob("*.ipynb"))
 
 
@@ -34,9 +32,7 @@ def test_it_holds_what_it_prints_and_draws(path):
 
 @pytest.mark.slow
 @pytest.mark.render
-@pytest.mark.parametrize(
-    "path", [pytest.param(p, id=p.stem, marks=() if p.stem in SHORT else pytest.mark.long) for p in TUTORIALS]
-)
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
 def test_it_runs(path, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     notebook = nbformat.read(path, as_version=4)
