@@ -153,11 +153,18 @@ class Search:
             self.refine(best.fit.point.with_effects(*effects))
 
     def _simplified(self, best: Scored) -> Scored:
-        """With fewer parameters, or as many of fewer effects, if any set found explains materially as much."""
-        least = self.least(best)
-        fewer = [s for s in self.found.values() if s.size < best.size and s.score < best.score + 10 * least]
-        refined = [self.refine(s.fit.point) for s in sorted(fewer, key=score_of)[: EFFORT.finalists]]
-        return min([best, *(s for s in refined if s.score < best.score + least)], key=lambda s: (s.size, s.score))
+        """With fewer parameters, or as many of fewer effects, if any set found explains materially as much.
+
+        What is likeliest among them may still have more than others have; so again, until there is none with fewer.
+        """
+        least, simplest, score = self.least(best), best, best.score
+        while True:
+            fewer = [s for s in self.found.values() if s.size < simplest.size and s.score < score + 10 * least]
+            refined = [self.refine(s.fit.point) for s in sorted(fewer, key=score_of)[: EFFORT.finalists]]
+            as_good = [s for s in refined if s.score < score + least]
+            if not as_good:
+                return simplest
+            simplest = min(as_good, key=lambda s: (s.size, s.score))
 
     def _pruned(self, best: Scored) -> Scored:
         """Without effects that are not worth their parameters."""
