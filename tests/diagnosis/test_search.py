@@ -17,6 +17,7 @@ from keycld_envs.effects import (
     Backlash,
     CoulombFriction,
     Effect,
+    HystereticFriction,
     QuadraticDrag,
     SensorLatency,
     ViscousFriction,
@@ -28,6 +29,7 @@ from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.pulses import contaminated
+from keycld_model.diagnosis.estimation.replay import replay
 from keycld_model.diagnosis.search.alternatives import everywhere_rivals, rivals_of
 from keycld_model.diagnosis.search.budget import Budget
 from keycld_model.diagnosis.search.criterion import Scored
@@ -129,6 +131,29 @@ def test_friction_alike_in_both_directions_has_one_number():
     best = search.run(minimise(problem, problem.start()).point, [AsymmetricFriction("hinge", 0.45, 0.45)])
     assert {effect.id for effect in best.fit.effects} == {"coulomb_friction"}
     assert search.best.score < best.score  # the other form is better by some nats
+
+
+def test_a_set_is_simplified_as_far_as_it_goes(monkeypatch):
+    """The two likeliest sets that were simpler than five numbers had two effects; that with one was left out."""
+    problem = problem_of(
+        Simulator(KeyCLDEnv("pendulum", obs_type="state").model, 0.01), recordings("pendulum", 3, number=2, seconds=0.8)
+    )
+    friction, clock = CoulombFriction("hinge", 0.1), SensorLatency("clock", 0.001)
+    sets = {
+        (HystereticFriction("hinge", c=0.1),): 100.0,
+        (friction, clock): 100.6,
+        (QuadraticDrag("hinge", 0.1), clock): 100.8,
+        (friction,): 101.0,
+        (): 250.0,
+    }
+    search = Search(problem)
+    scored = [Scored(replay(problem, minimise(problem, problem.start(), 1)), score) for score in sets.values()]
+    of_sets = zip(scored, sets, strict=True)
+    scored = [replace(s, fit=replace(s.fit, point=s.fit.point.with_effects(*effects))) for s, effects in of_sets]
+    search.found, search._nothing = {s.keys: s for s in scored}, 250.0
+    monkeypatch.setattr(search, "refine", lambda point: search.found[frozenset(e.key for e in point.effects)])
+    assert search._simplified(scored[0]).keys == {friction.key}
+    assert search._simplified(scored[3]) is scored[3]
 
 
 def test_windows_that_stick_out_are_seen_where_all_together_look_like_noise():
