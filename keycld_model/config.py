@@ -104,8 +104,8 @@ PAPER_NETWORKS = NetworkConfig(
 )
 """Appendix A.4 and table 2 of the KeyCLD paper."""
 
-BEFORE = {"springs": False, "rod_masses": False}
-"""Fields that checkpoints did not have from the beginning (until 2026-11-26 and 2026-11-28), as it was without them."""
+OF_OLDER_CHECKPOINTS = {"springs": False, "rod_masses": False}
+"""Fields that checkpoints lack from before 2026-11-26 and 2026-11-28, with what was true without them."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class ModelConfig:
             InputError: if a field is missing or unknown.
         """
         try:
-            networks = {**BEFORE, **data["networks"]}
+            networks = {**OF_OLDER_CHECKPOINTS, **data["networks"]}
             for name in ("gaussian_widths", "segment_widths"):
                 networks[name] = tuple(networks[name])
             missing = {f.name for f in fields(NetworkConfig)} - set(networks)
