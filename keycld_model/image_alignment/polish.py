@@ -10,11 +10,11 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.pose import FINE, SATURATED
 from keycld_model.image_alignment.scene import STEP, Scene
+from keycld_model.image_alignment.simplex import least_near
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -68,7 +68,7 @@ class Follower:
 
 
 def polished(scene: Scene, look: Array, directions: Array, frames: Sequence[tuple[Image, Light, Array]]) -> Array:
-    """The look `[p]` nearby with the least squares, by simplex searches (Nelder and Mead, 1965).
+    """The look `[p]` nearby with the least squares.
 
     Args:
         scene: that draws.
@@ -82,12 +82,5 @@ def polished(scene: Scene, look: Array, directions: Array, frames: Sequence[tupl
         there = look + z @ directions
         return sum(follower.left(scene, there, z) for follower in followers)
 
-    best = np.zeros(len(directions))
-    least = left(best)
-    for reach in REACH:
-        simplex = best + reach / STEP * np.vstack([0 * best, np.eye(len(best))])
-        options = {"maxfev": EVALUATIONS, "xatol": EXACT / STEP, "fatol": 0.0, "initial_simplex": simplex}
-        found = minimize(left, best, method="Nelder-Mead", options=options)
-        if found.fun < least:
-            best, least = found.x, float(found.fun)
-    return look + best @ directions
+    reaches = [reach / STEP for reach in REACH]
+    return look + least_near(left, len(directions), reaches, EVALUATIONS, EXACT / STEP)[0] @ directions

@@ -13,12 +13,12 @@ from cmaes import CMA
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.ndimage import binary_dilation
-from scipy.optimize import minimize
 from scipy.special import huber
 
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import CAMERA, PARALLAX, view_of
 from keycld_model.image_alignment.scene import STEP, Scene, softened
+from keycld_model.image_alignment.simplex import least_near
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -202,19 +202,10 @@ def _roughly(misfit: Callable[[Array], float], look: Array, steps: Array, reach:
 
 
 def _polished(misfit: Callable[[Array], float], look: Array, steps: Array) -> tuple[Array, float]:
-    """A look with the least misfit nearby, and that misfit, by simplex searches (Nelder and Mead, 1965)."""
-
-    def of(z: Array) -> float:
-        return misfit(_moved(look, z, steps))
-
-    here = np.zeros(len(steps))
-    best, least = here, of(here)
-    for reach in POLISH:
-        simplex = best + reach * np.vstack([here, np.eye(len(here))])
-        options = {"maxfev": EVALUATIONS, "xatol": 0.002, "fatol": 1e-4, "initial_simplex": simplex}
-        found = minimize(of, best, method="Nelder-Mead", options=options)
-        if found.fun < least:
-            best, least = found.x, float(found.fun)
+    """A look with the least misfit nearby, and that misfit."""
+    best, least = least_near(
+        lambda z: misfit(_moved(look, z, steps)), len(steps), POLISH, EVALUATIONS, exact=0.002, flat=1e-4
+    )
     return _moved(look, best, steps), least
 
 

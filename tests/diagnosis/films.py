@@ -1,11 +1,14 @@
 """Films of swinging mechanisms with a camera that is not quite the simulator's."""
 
 import copy
+import io
 from collections.abc import Callable
 
+import imageio.v3 as iio
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from keycld_envs.recordings import Recording
 from keycld_envs.rendering import Renderer, View
@@ -54,3 +57,10 @@ def film(
         )
     renderer.close()
     return recordings, truth
+
+
+def jpeg(image: np.ndarray, quality: int = 95, **options: str) -> np.ndarray:
+    """After compression."""
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, "JPEG", quality=quality, **options)
+    return np.asarray(iio.imread(file.getvalue(), extension=".jpg"))

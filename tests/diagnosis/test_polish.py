@@ -1,11 +1,8 @@
 """Lengths of links in compressed frames: the least squares, found without derivatives."""
 
-import io
-
-import imageio.v3 as iio
 import numpy as np
 import pytest
-from PIL import Image
+from films import jpeg
 
 from keycld_envs.systems import get_system
 from keycld_model.image_alignment.chroma import HalvedChroma
@@ -21,10 +18,8 @@ def test_visible_lengths_are_found_in_compressed_frames():
     with Scene(model, "fixed", size, "fast") as scene:
         true = scene.nominal.copy()
         for q in poses:
-            file = io.BytesIO()
             noisy = scene.render(q, true) + rng.normal(0, 4, (*size, 3))
-            Image.fromarray(np.clip(np.round(noisy), 0, 255).astype(np.uint8)).save(file, "JPEG", quality=85)
-            film.append(np.asarray(iio.imread(file.getvalue(), extension=".jpg")))
+            film.append(jpeg(np.clip(np.round(noisy), 0, 255).astype(np.uint8), 85))
     halved = HalvedChroma.of([np.stack(film)])
     assert halved is not None
     with Scene(model, "fixed", size, "fast", halved) as scene:
