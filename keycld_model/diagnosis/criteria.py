@@ -74,8 +74,9 @@ class Criteria:
         doubtful: nats below which findings are not mentioned, and changes of a fit or an experiment do not matter.
         rival: nats within which a set of effects is not excluded by the best one.
         effect: nats that an effect must gain beyond the price of its parameters, for it was one among hundreds.
-        effect_share: share of all that a set gains that each of its effects must gain; named effects are idealised
-            forms, of dry friction near standstill above all, and what gains less may only mend the form of another.
+        effect_share: share of all that a set gains that each of its effects must gain, and further numbers of a form;
+            named effects are idealised forms, of dry friction near standstill above all, and what gains less may only
+            mend the form of another.
         effect_share_beside_pulses: the same beside pulses, whose times are found to some share of a step only.
         noise_variance: mean square of whitened residuals, per degree of freedom, up to which a fit leaves noise.
         significant: standard deviations from which a deviation is no coincidence: of a mean square, from noise, and of

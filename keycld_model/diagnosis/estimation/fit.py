@@ -58,11 +58,15 @@ class Fit:
 
     def worth(self, effect: Effect) -> float:
         """Nats that the fit would lose without one of its effects, were it linear in its parameters."""
-        numbers = enumerate(effect_parameters(self.effects))
-        at = [len(self.problem.spreads) + i for i, p in numbers if self.effects[p.effect] is effect]
         away = np.array([getattr(effect, p.name) - p.absent for p in effect.parameters()])
         away[[bool(p.grid) for p in effect.parameters()]] = 0.0
-        return 0.5 * float(away @ np.linalg.pinv(self.covariance[np.ix_(at, at)]) @ away)
+        return 0.5 * float(away @ self.precision(effect) @ away)
+
+    def precision(self, effect: Effect) -> Array:
+        """`[k, k]` inverse covariance of the parameters of one of its effects, whatever all others are."""
+        numbers = enumerate(effect_parameters(self.effects))
+        at = [len(self.problem.spreads) + i for i, p in numbers if self.effects[p.effect] is effect]
+        return np.asarray(np.linalg.pinv(self.covariance[np.ix_(at, at)]), np.float64)
 
     def deviations(self) -> Array:
         """Standard deviations of the effects' parameters, in their order."""

@@ -5,9 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from keycld_envs.effects import Effect
-from keycld_model.diagnosis.search.criterion import Scored, dispersion, penalty, score_of
-from keycld_model.diagnosis.search.effort import EFFORT
-from keycld_model.diagnosis.search.search import Search
+from keycld_model.diagnosis.search.criterion import Scored, dispersion, penalty
+from keycld_model.diagnosis.search.search import Search, changed_effects
 from keycld_model.diagnosis.simulation.places import places_of
 
 
@@ -56,24 +55,8 @@ def _everywhere(search: Search, best: Scored) -> Iterator[tuple[list[Effect], li
             yield now, [e.of_size(size) for e in places_of(one, model)]
 
 
-def confusable_sets(search: Search, best: Scored) -> list[Scored]:
-    """Sets nearly as good as the best, with a confusable effect in one's place: shorter steps may tell them apart."""
-    near = []
-    for s in search.found.values():
-        exchanged = len(s.keys) == len(best.keys) and len(s.keys - best.keys) == 1
-        groups = {e.confusable and e.confusable.group for e in _exchanged(best, s)}
-        if exchanged and len(groups) == 1 and None not in groups and s.score < best.score + EFFORT.finer_nats:
-            near.append(s)
-    return sorted(near, key=score_of)[: EFFORT.finer_sets]
-
-
-def _exchanged(best: Scored, other: Scored) -> list[Effect]:
-    """Effects that only one of two sets has."""
-    return [e for s, t in ((best, other), (other, best)) for e in s.fit.effects if e.key not in t.keys]
-
-
 def _alias_price(best: Scored, other: Scored) -> float:
     """What more parameters cost a set that has the other as a limit: a spring, its zero far away, is constant."""
-    exchanged = _exchanged(best, other)
+    exchanged = changed_effects(best, other)
     limits = any({e.id for e in exchanged} == {e.id, e.limiting_case} for e in exchanged)
     return max(0.0, penalty(other.fit) - penalty(best.fit)) if limits else 0.0

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.effects import Effect
 from keycld_model.autocorrelation import samples_together
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.parameters import effect_parameters
@@ -22,8 +23,8 @@ class Scored:
 
     @property
     def size(self) -> tuple[int, int]:
-        """How many parameters the effects have, and how many effects they are."""
-        return len(effect_parameters(self.fit.effects)), len(self.keys)
+        """How many effects there are, and how many parameters they have."""
+        return len(self.keys), len(effect_parameters(self.fit.effects))
 
     @property
     def keys(self) -> frozenset[tuple[str, str]]:
@@ -31,13 +32,13 @@ class Scored:
         return frozenset(e.key for e in self.fit.effects)
 
     def improves_on(self, other: "Scored", least: float) -> bool:
-        """It gains some nats at least, or loses no more with fewer parameters or effects."""
+        """It gains some nats at least, or loses no more with fewer effects, or as many of fewer parameters."""
         return other.score - self.score >= (-least if self.size < other.size else least)
 
     @classmethod
     def of(cls, fit: Fit, dispersion: float = 1.0) -> "Scored":
         """A fit, its cost in nats of a dispersion."""
-        return cls(fit, fit.cost / dispersion + penalty(fit))
+        return cls(fit, fit.cost / dispersion + penalty(fit, dispersion))
 
 
 def score_of(scored: Scored) -> float:
@@ -45,17 +46,34 @@ def score_of(scored: Scored) -> float:
     return scored.score
 
 
-def penalty(fit: Fit) -> float:
-    """Nats that a set of effects must gain to be worth its parameters (Schwarz, 1978).
+def penalty(fit: Fit, dispersion: float = 1.0) -> float:
+    """Nats that a set of effects must gain to be worth its parameters.
 
-    Hidden states at the start of a recording fit noise, too, and so do offsets of rotors, by half a nat each; two
-    standard deviations more, for the fit is the best of many.
+    That an effect is there costs as much as one number does by Schwarz's criterion (1978); its form costs what the
+    recordings tell of its other numbers, see `form_price`. Hidden states at the start of a recording fit noise, too,
+    and so do offsets of rotors, by half a nat each; two standard deviations more, for the fit is the best of many.
     """
     problem, offsets = fit.problem, fit.point.offsets
-    price = 0.5 * np.log(problem.samples) * len(effect_parameters(fit.effects))
+    price = 0.5 * np.log(problem.samples) * len(fit.effects) + sum(form_price(fit, e, dispersion) for e in fit.effects)
     if fit.point.variant.window_offsets is None:
         return price + 0.5 * len(recording_spreads(fit.effects)) * len(problem.windows.commands)
     return price + 0.5 * offsets.size + np.sqrt(2 * offsets.size)
+
+
+def form_price(fit: Fit, effect: Effect, dispersion: float = 1.0) -> float:
+    """Nats by which one form of an effect is less likely before than another with a single number.
+
+    The Occam factor of Laplace's approximation (MacKay, 1992): before, a number is as uncertain as the largest of its
+    unit in the effect is large, since forms vary by some share of the effect; afterwards, by what recordings tell. A
+    number of which they tell nothing costs nothing. What is told best is the effect's size, of which all forms have
+    one.
+    """
+    if len(numbers := effect.parameters()) == 1:
+        return 0.0
+    away = {p.name: abs(getattr(effect, p.name) - p.absent) for p in numbers}
+    before = np.array([max(away[other.name] for other in numbers if other.unit == p.unit) for p in numbers])
+    told = before[:, None] * fit.precision(effect) * before / dispersion
+    return 0.5 * float(np.sum(np.log1p(np.maximum(np.linalg.eigvalsh(told)[:-1], 0.0))))
 
 
 def dispersion(fit: Fit) -> float:

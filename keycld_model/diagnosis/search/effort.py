@@ -19,8 +19,9 @@ class Effort:
         rotor_windows: windows that choose among starts of rotors.
         rotor_starts: starts of rotors that are followed further.
         tried_nats: nats that an effect seems to be worth below which the set is fitted without it.
-        finer_nats: nats behind the best within which sets of confusable effects may be better with shorter steps.
-        finer_sets: sets of confusable effects that are tried with shorter steps.
+        near_nats: nats behind the best within which sets of confusable effects may be better when they are fitted to
+            their end, or with shorter steps.
+        near_sets: sets of confusable effects that are tried so.
     """
 
     windows: int = 80
@@ -34,8 +35,8 @@ class Effort:
     rotor_windows: int = 15
     rotor_starts: int = 6
     tried_nats: float = 100.0
-    finer_nats: float = 50.0
-    finer_sets: int = 3
+    near_nats: float = 50.0
+    near_sets: int = 3
 
 
 EFFORT = Effort()

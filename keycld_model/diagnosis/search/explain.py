@@ -15,7 +15,6 @@ from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.estimation.pulses import concentrated, contaminated, price, with_best_pulses
 from keycld_model.diagnosis.estimation.replay import replay
 from keycld_model.diagnosis.inputs.windows import Windows
-from keycld_model.diagnosis.search.alternatives import confusable_sets
 from keycld_model.diagnosis.search.budget import Budget, OutOfTime
 from keycld_model.diagnosis.search.criterion import Scored, above_noise, dispersion, penalty
 from keycld_model.diagnosis.search.effort import EFFORT
@@ -211,14 +210,14 @@ def _finer(refitted: Fit, search: Search, best: Scored) -> tuple[Fit, Fit] | Non
 
     Stiff springs, stops and rotors need them, and what differs by what happens within a step: a lag, and a delay.
     """
-    factor, problem, others = dispersion(best.fit), best.fit.problem, confusable_sets(search, best)
+    factor, problem, others = dispersion(best.fit), best.fit.problem, search.confusable_with(best)
     doubtful = problem.criteria.doubtful
     if not others and coarseness(best.fit) < doubtful * factor:
         return None
     problem = problem_of(problem.simulator.with_step(problem.simulator.step / 2), problem.windows)
     again = partial(minimise, problem)
     fine, *alternatives = (again(replay(problem, s.fit).point) for s in (best, *others))
-    worth = [fit.cost / factor + penalty(fit) for fit in (fine, *alternatives)]
+    worth = [fit.cost / factor + penalty(fit, factor) for fit in (fine, *alternatives)]
     if min(worth) < worth[0] - doubtful:
         fine = alternatives[int(np.argmin(worth)) - 1]
     elif fine.cost > best.fit.cost - doubtful * factor:

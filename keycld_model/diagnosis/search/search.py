@@ -21,6 +21,11 @@ from keycld_model.diagnosis.simulation.variant import rotors
 Keys = frozenset[tuple[str, str]]
 
 
+def changed_effects(one: Scored, other: Scored) -> list[Effect]:
+    """Effects that only one of two sets has."""
+    return [e for s, t in ((one, other), (other, one)) for e in s.fit.effects if e.key not in t.keys]
+
+
 class Search:
     """Finds sets of effects, and remembers all that were refined.
 
@@ -70,9 +75,9 @@ class Search:
         for _ in range(EFFORT.rounds):
             better = self._simplified(self._pruned(min([best, *self._finalists(best)], key=score_of)))
             better = self._simplified(self._exchanged(better))  # what came in another's place may have a simpler form
-            better = self.refine(better.fit.point, thoroughly=True)
+            better = self._simplified(self._of_best_form(better))
             if not better.improves_on(best, self.least(better)):
-                break
+                return better if better.score < best.score and len(better.keys) == len(best.keys) else best
             best = better
         return best
 
@@ -100,6 +105,10 @@ class Search:
         share = criteria.effect_share_beside_pulses if self.gained else criteria.effect_share
         return max(criteria.effect, share * (self._nothing - scored.score))
 
+    def idealised(self, scored: Scored) -> float:
+        """Nats that further numbers of an effect's form must gain, since no form is exact."""
+        return self.problem.criteria.effect_share * max(0.0, self._nothing - scored.score)
+
     def refine(self, point: Point, thoroughly: bool = False) -> Scored:
         """A set of effects, fitted to its end if `thoroughly`, and remembered if it is better than before."""
         scored = Scored.of(self._minimised(point, thoroughly), self.dispersion)
@@ -124,10 +133,29 @@ class Search:
         without = self.refine(best.fit.point.with_effects(*rest))
         self._finalists(without, largest=1, besides=effect)
         self._elsewhere(without, effect)
+        beside = [e for e in rest if (e.kind, e.where) == (effect.kind, effect.where)]
         for other in effect.confusable_with((h.effect for h in self.hypotheses), self.problem.simulator.model):
-            if other.key not in best.keys:
-                self.refine(best.fit.point.with_effects(*rest, other))
+            if other.key in best.keys:
+                continue
+            self.refine(best.fit.point.with_effects(*rest, other))
+            for second in beside:  # friction that differs by direction is dry friction beside a force
+                self.refine(best.fit.point.with_effects(*(e for e in rest if e is not second), other))
         self._restart(best, rest, effect)
+
+    def confusable_with(self, best: Scored) -> list[Scored]:
+        """Sets nearly as good as the best, with a confusable effect in one's place."""
+        near = []
+        for s in self.found.values():
+            exchanged = len(s.keys) == len(best.keys) and len(s.keys - best.keys) == 1
+            groups = {e.confusable and e.confusable.group for e in changed_effects(best, s)}
+            if exchanged and len(groups) == 1 and None not in groups and s.score < best.score + EFFORT.near_nats:
+                near.append(s)
+        return sorted(near, key=score_of)[: EFFORT.near_sets]
+
+    def _of_best_form(self, best: Scored) -> Scored:
+        """Fitted to its end, with the form that explains most by then."""
+        near = self.confusable_with(best)
+        return min((self.refine(s.fit.point, thoroughly=True) for s in (best, *near)), key=score_of)
 
     def _exchanged(self, best: Scored) -> Scored:
         """With one effect in another's place as long as that is better."""
@@ -153,15 +181,15 @@ class Search:
             self.refine(best.fit.point.with_effects(*effects))
 
     def _simplified(self, best: Scored) -> Scored:
-        """With fewer parameters, or as many of fewer effects, if any set found explains materially as much.
+        """With fewer effects, or as many of fewer parameters, if any set found explains materially as much.
 
         What is likeliest among them may still have more than others have; so again, until there is none with fewer.
         """
-        least, simplest, score = self.least(best), best, best.score
+        least, form, simplest, score = self.least(best), self.idealised(best), best, best.score
         while True:
             fewer = [s for s in self.found.values() if s.size < simplest.size and s.score < score + 10 * least]
             refined = [self.refine(s.fit.point) for s in sorted(fewer, key=score_of)[: EFFORT.finalists]]
-            as_good = [s for s in refined if s.score < score + least]
+            as_good = [s for s in refined if s.score < score + (least if len(s.keys) < len(best.keys) else form)]
             if not as_good:
                 return simplest
             simplest = min(as_good, key=lambda s: (s.size, s.score))
