@@ -171,7 +171,8 @@ def test_a_number_of_which_recordings_tell_nothing_costs_nothing():
     assert form_price(fit, friction, dispersion=4.0) == pytest.approx(0.5 * np.log1p(1e4 * 0.04**2 / 4))
     told = SimpleNamespace(precision=lambda effect: np.diag([1e6, 1e4, 100.0]))
     assert form_price(told, friction) - form_price(fit, friction) == pytest.approx(0.5 * np.log1p(100 * 0.2**2))
-    assert form_price(fit, CoulombFriction("hinge", 0.04)) == 0.0
+    single = SimpleNamespace(precision=lambda effect: np.array([[1e6]]))
+    assert form_price(single, CoulombFriction("hinge", 0.04)) == 0.0
 
 
 def test_two_effects_at_one_joint_are_also_tried_as_one():

@@ -49,27 +49,30 @@ def score_of(scored: Scored) -> float:
 def penalty(fit: Fit, dispersion: float = 1.0) -> float:
     """Nats that a set of effects must gain to be worth its parameters.
 
-    That an effect is there costs as much as one number does by Schwarz's criterion (1978); its form costs what the
-    recordings tell of its other numbers, see `form_price`. Hidden states at the start of a recording fit noise, too,
-    and so do offsets of rotors, by half a nat each; two standard deviations more, for the fit is the best of many.
+    Each number costs what it does by Schwarz's criterion (1978); but of effects that have others of nearly the same
+    kind, the first only, and the others what the recordings tell of them, see `form_price`. Hidden states at the start
+    of a recording fit noise, too, and so do offsets of rotors, by half a nat each; two standard deviations more, for
+    the fit is the best of many.
     """
     problem, offsets = fit.problem, fit.point.offsets
-    price = 0.5 * np.log(problem.samples) * len(fit.effects) + sum(form_price(fit, e, dispersion) for e in fit.effects)
+    number, price = 0.5 * np.log(problem.samples), 0.0
+    for effect in fit.effects:
+        further = len(effect.parameters()) - 1
+        price += number + (number * further if effect.confusable is None else form_price(fit, effect, dispersion))
     if fit.point.variant.window_offsets is None:
         return price + 0.5 * len(recording_spreads(fit.effects)) * len(problem.windows.commands)
     return price + 0.5 * offsets.size + np.sqrt(2 * offsets.size)
 
 
 def form_price(fit: Fit, effect: Effect, dispersion: float = 1.0) -> float:
-    """Nats by which one form of an effect is less likely before than another with a single number.
+    """Nats that one form of an effect, such as dry friction, must gain over another with a single number.
 
     The Occam factor of Laplace's approximation (MacKay, 1992): before, a number is as uncertain as the largest of its
     unit in the effect is large, since forms vary by some share of the effect; afterwards, by what recordings tell. A
     number of which they tell nothing costs nothing. What is told best is the effect's size, of which all forms have
     one.
     """
-    if len(numbers := effect.parameters()) == 1:
-        return 0.0
+    numbers = effect.parameters()
     away = {p.name: abs(getattr(effect, p.name) - p.absent) for p in numbers}
     before = np.array([max(away[other.name] for other in numbers if other.unit == p.unit) for p in numbers])
     told = before[:, None] * fit.precision(effect) * before / dispersion
