@@ -247,6 +247,13 @@ def action_range_of(folder: Path) -> float | None:
     return float(value) if isinstance(value, int | float) and 0 < value <= MOST_ACTION else None
 
 
+def keep_action_range(folder: Path, out: Path) -> None:
+    """Write down for recordings that were made of a folder's with what range of motors these were recorded."""
+    if (bound := action_range_of(folder)) is not None:
+        with atomic_file(out / SETTINGS_FILE, "w") as file:
+            json.dump({"action_range": bound}, file, indent=1)
+
+
 def _prepare_folder(out: Path, settings: CollectSettings) -> None:
     """Create the folder with its settings, or check that its recordings were made with the same ones."""
     path = out / SETTINGS_FILE

@@ -52,6 +52,7 @@ def run(args: Args) -> None:
     """Conceal, write, and say how large it is."""
     import numpy as np
 
+    from keycld_envs.collect import keep_action_range
     from keycld_envs.command_limits import beyond_limits
     from keycld_envs.conceal import conceal
     from keycld_envs.errors import InputError
@@ -92,6 +93,7 @@ def run(args: Args) -> None:
         for recording in recordings:
             changed = concealed.get(recording.id)
             write_recording(args.out / recording.id, recording if changed is None else changed.recording)
+        keep_action_range(args.recordings, args.out)
         write_json(args.out / "concealed.json", truth)
     sizes = {f"rms at {joint} (N m or N)": value for joint, value in rms.items()}
     print_result(truth if args.json else {"concealed": str(effect), **sizes}, as_json=args.json)

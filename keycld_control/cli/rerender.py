@@ -55,6 +55,7 @@ def run(args: Args) -> None:
     """Draw and write."""
     from keycld_control.cli._pairs import pairs
     from keycld_envs.checks import check_number, check_size, the_camera
+    from keycld_envs.collect import keep_action_range
     from keycld_envs.disturbance import Disturbance
     from keycld_envs.errors import InputError
     from keycld_envs.files import atomic_folder
@@ -91,6 +92,7 @@ def run(args: Args) -> None:
                 advance=advance,
             )
             write_recording(folder / recording.id, drawn)
+        keep_action_range(args.recordings, folder)
     print_result(
         {"recordings": args.out, "number": len(recordings), "frames": total, "camera": camera}, as_json=args.json
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from keycld_control.cli import main
+from keycld_envs.collect import action_range_of
 from keycld_envs.recordings import Recording, read_dataset, write_recording
 from keycld_envs.systems import get_system
 
@@ -60,6 +61,15 @@ def test_a_base_that_is_not_level(data: str, tmp_path: Path) -> None:
     turned = link * (np.sin(q) - np.sin(q - 0.1))  # gravity that is turned is an angle that is counted from elsewhere
     hidden = model.actuator_gear[0, 0] * np.asarray(concealed.action)[10:-10, 0]
     assert np.abs(hidden) == pytest.approx(np.abs(turned)[10:-10], abs=0.02 * link)
+
+
+def test_motors_keep_the_range_that_they_were_recorded_with(data: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    # The motor, whose commands are zero, gives a hundredth of what it does otherwise.
+    (Path(data) / "collect.json").write_text(json.dumps({"action_range": 0.01}))
+    assert main(["conceal", data, *FRICTION, "--set", "b=0.2", "--out", str(tmp_path / "no")]) == 2  # beyond .01
+    assert main(["conceal", data, *FRICTION, "--set", "b=0.00001", "--out", str(out)]) == 0
+    assert action_range_of(out) == 0.01
 
 
 def test_all_recordings_by_default_and_a_table(data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from keycld_control.cli import main
 from keycld_envs import InputError, get_system
+from keycld_envs.collect import action_range_of
 from keycld_envs.recordings import Recording, read_dataset, write_recording
 from keycld_envs.rerender import count_frames, rerender
 
@@ -92,12 +93,14 @@ def test_command(tmp_path, capsys):
     write_recording(tmp_path / "logs" / "run", logged(np.arange(20) / 100, np.linspace(0, 1, 20)))
     (tmp_path / "arm.xml").write_text(ARM.format(more=""))
     (tmp_path / "two.xml").write_text(ARM.format(more='<camera name="top" pos="0 0 4"/>'))
+    (tmp_path / "logs" / "collect.json").write_text('{"action_range": 2.5}')
     words = ["rerender", str(tmp_path / "logs"), "--mjcf", str(tmp_path / "arm.xml"), "--fps", "25", "--width", "32"]
     assert main([*words, "--out", str(tmp_path / "out"), "--disturb", "noise=5", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == 5
     (found,) = read_dataset(tmp_path / "out").recordings
     assert found.load_frames().shape == (5, 64, 32, 3)
     assert found.camera is not None and found.camera["name"] == "front"
+    assert action_range_of(tmp_path / "out") == 2.5
     assert main([*words, "--out", str(tmp_path / "again"), "--disturb", "noise=5"]) == 0
     np.testing.assert_array_equal(read_dataset(tmp_path / "again").recordings[0].load_frames(), found.load_frames())
     capsys.readouterr()
