@@ -125,7 +125,7 @@ class Search:
         return minimise(self.problem, point, 40) if thoroughly else minimise(self.problem, point, share=EFFORT.rough)
 
     def exchange(self, best: Scored, effect: Effect) -> None:
-        """Look for sets with another effect in one's place; once."""
+        """Look for sets with another effect in one's place, or a confusable one for two at its joint; once."""
         if (best.keys, effect.key) in self._replaced:
             return
         self._replaced.add((best.keys, effect.key))
