@@ -166,12 +166,12 @@ def test_a_set_is_simplified_as_far_as_it_goes(monkeypatch):
 
 def test_a_number_of_which_recordings_tell_nothing_costs_nothing():
     friction = StribeckFriction("hinge", c=0.04, extra=0.0, vs=0.2)
-    fit = SimpleNamespace(precision=lambda effect: np.diag([1e6, 1e4, 0.0]))
+    fit: Any = SimpleNamespace(precision=lambda effect: np.diag([1e6, 1e4, 0.0]))
     assert form_price(fit, friction) == pytest.approx(0.5 * np.log1p(1e4 * 0.04**2))
     assert form_price(fit, friction, dispersion=4.0) == pytest.approx(0.5 * np.log1p(1e4 * 0.04**2 / 4))
-    told = SimpleNamespace(precision=lambda effect: np.diag([1e6, 1e4, 100.0]))
+    told: Any = SimpleNamespace(precision=lambda effect: np.diag([1e6, 1e4, 100.0]))
     assert form_price(told, friction) - form_price(fit, friction) == pytest.approx(0.5 * np.log1p(100 * 0.2**2))
-    single = SimpleNamespace(precision=lambda effect: np.array([[1e6]]))
+    single: Any = SimpleNamespace(precision=lambda effect: np.array([[1e6]]))
     assert form_price(single, CoulombFriction("hinge", 0.04)) == 0.0
 
 
