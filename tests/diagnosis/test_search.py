@@ -167,6 +167,7 @@ def test_a_set_is_simplified_as_far_as_it_goes(monkeypatch):
 def test_a_number_of_which_recordings_tell_nothing_costs_nothing():
     friction = StribeckFriction("hinge", c=0.04, extra=0.0, vs=0.2)
     fit: Any = SimpleNamespace(precision=lambda effect: np.diag([1e6, 1e4, 0.0]))
+    # The extra friction is as uncertain before as the sliding one is large.
     assert form_price(fit, friction) == pytest.approx(0.5 * np.log1p(1e4 * 0.04**2))
     assert form_price(fit, friction, dispersion=4.0) == pytest.approx(0.5 * np.log1p(1e4 * 0.04**2 / 4))
     told: Any = SimpleNamespace(precision=lambda effect: np.diag([1e6, 1e4, 100.0]))
