@@ -265,7 +265,7 @@ def _prepare_folder(out: Path, settings: CollectSettings) -> None:
         found = read_json(path)
     except (OSError, ValueError):
         found = None
-    if not isinstance(found, dict):
+    if not isinstance(found, dict) or "env_id" not in found:
         raise InputError(f"{out} exists and was not made by `keycld collect`; choose another folder.")
     for name, value in asdict(settings).items():
         if name not in found or found[name] != value:

@@ -63,13 +63,17 @@ def test_a_base_that_is_not_level(data: str, tmp_path: Path) -> None:
     assert np.abs(hidden) == pytest.approx(np.abs(turned)[10:-10], abs=0.02 * link)
 
 
-def test_motors_keep_the_range_that_they_were_recorded_with(data: str, tmp_path: Path) -> None:
+def test_motors_keep_the_range_that_they_were_recorded_with(
+    data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "out"
     # The motor, whose commands are zero, gives a hundredth of what it does otherwise.
     (Path(data) / "collect.json").write_text(json.dumps({"action_range": 0.01}))
     assert main(["conceal", data, *FRICTION, "--set", "b=0.2", "--out", str(tmp_path / "no")]) == 2  # beyond .01
     assert main(["conceal", data, *FRICTION, "--set", "b=0.00001", "--out", str(out)]) == 0
     assert action_range_of(out) == 0.01
+    assert main(["collect", "pendulum", "--out", str(out)]) == 2
+    assert "was not made by `keycld collect`" in capsys.readouterr().err
 
 
 def test_all_recordings_by_default_and_a_table(data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
