@@ -189,7 +189,7 @@ def test_two_effects_at_one_joint_are_also_tried_as_one():
     search = Search(problem)
     both = minimise(problem, problem.start()).point.with_effects(CoulombFriction("hinge", 0.04), ConstantForce("hinge"))
     best = search.refine(both)
-    search.exchange(best, best.fit.effects[0])
+    search.unite(best)
     one = search.found[frozenset({AsymmetricFriction("hinge").key})]
     assert one.score < best.score
 

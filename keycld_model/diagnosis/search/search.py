@@ -1,6 +1,7 @@
 """Which effects explain what the refitted simulator cannot: sets of up to three, scored together, then refined."""
 
-from collections.abc import Callable, Iterable, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -125,7 +126,7 @@ class Search:
         return minimise(self.problem, point, 40) if thoroughly else minimise(self.problem, point, share=EFFORT.rough)
 
     def exchange(self, best: Scored, effect: Effect) -> None:
-        """Look for sets with another effect in one's place, or a confusable one for two at its joint; once."""
+        """Look for sets with another effect in one's place; once."""
         if (best.keys, effect.key) in self._replaced:
             return
         self._replaced.add((best.keys, effect.key))
@@ -133,14 +134,24 @@ class Search:
         without = self.refine(best.fit.point.with_effects(*rest))
         self._finalists(without, largest=1, besides=effect)
         self._elsewhere(without, effect)
-        beside = [e for e in rest if (e.kind, e.where) == (effect.kind, effect.where)]
-        for other in effect.confusable_with((h.effect for h in self.hypotheses), self.problem.simulator.model):
-            if other.key in best.keys:
-                continue
-            self.refine(best.fit.point.with_effects(*rest, other))
-            for second in beside:  # friction that differs by direction is dry friction beside a force
-                self.refine(best.fit.point.with_effects(*(e for e in rest if e is not second), other))
+        for other in self._confusable_with(effect):
+            if other.key not in best.keys:
+                self.refine(best.fit.point.with_effects(*rest, other))
         self._restart(best, rest, effect)
+
+    def unite(self, best: Scored) -> None:
+        """Look for sets with one effect in place of two at a joint.
+
+        Dry friction beside a force is friction that differs by direction.
+        """
+        for effect, second in itertools.permutations(best.fit.effects, 2):
+            if (effect.kind, effect.where) == (second.kind, second.where):
+                rest = [e for e in best.fit.effects if e is not effect and e is not second]
+                for other in self._confusable_with(effect):
+                    self.refine(best.fit.point.with_effects(*rest, other))
+
+    def _confusable_with(self, effect: Effect) -> Iterator[Effect]:
+        return effect.confusable_with((h.effect for h in self.hypotheses), self.problem.simulator.model)
 
     def confusable_with(self, best: Scored) -> list[Scored]:
         """Sets nearly as good as the best, with a confusable effect in one's place."""
@@ -154,6 +165,7 @@ class Search:
 
     def _of_best_form(self, best: Scored) -> Scored:
         """Fitted to its end, with the form that explains most by then."""
+        self.unite(best)
         near = self.confusable_with(best)
         return min((self.refine(s.fit.point, thoroughly=True) for s in (best, *near)), key=score_of)
 
