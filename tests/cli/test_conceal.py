@@ -67,7 +67,7 @@ def test_motors_keep_the_range_that_they_were_recorded_with(
     data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    # The motor, whose commands are zero, gives a hundredth of what it does otherwise.
+    # Motors that give .01 of their gear at most, less than hides this much friction.
     (Path(data) / "collect.json").write_text(json.dumps({"action_range": 0.01}))
     assert main(["conceal", data, *FRICTION, "--set", "b=0.2", "--out", str(tmp_path / "no")]) == 2  # beyond .01
     assert main(["conceal", data, *FRICTION, "--set", "b=0.00001", "--out", str(out)]) == 0

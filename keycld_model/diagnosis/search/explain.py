@@ -210,7 +210,7 @@ def _finer(refitted: Fit, search: Search, best: Scored) -> tuple[Fit, Fit] | Non
 
     Stiff springs, stops and rotors need them, and what differs by what happens within a step: a lag, and a delay.
     """
-    factor, problem, others = dispersion(best.fit), best.fit.problem, search.confusable_with(best)
+    factor, problem, others = dispersion(best.fit), best.fit.problem, search.near_forms(best)
     doubtful = problem.criteria.doubtful
     if not others and coarseness(best.fit) < doubtful * factor:
         return None

@@ -102,13 +102,13 @@ class Search:
 
     def least(self, scored: Scored) -> float:
         """Nats that one more effect must gain."""
+        return max(self.problem.criteria.effect, self.least_of_form(scored))
+
+    def least_of_form(self, scored: Scored) -> float:
+        """Nats that further numbers of an effect's form must gain, since no form is exact."""
         criteria = self.problem.criteria
         share = criteria.effect_share_beside_pulses if self.gained else criteria.effect_share
-        return max(criteria.effect, share * (self._nothing - scored.score))
-
-    def idealised(self, scored: Scored) -> float:
-        """Nats that further numbers of an effect's form must gain, since no form is exact."""
-        return self.problem.criteria.effect_share * max(0.0, self._nothing - scored.score)
+        return share * max(0.0, self._nothing - scored.score)
 
     def refine(self, point: Point, thoroughly: bool = False) -> Scored:
         """A set of effects, fitted to its end if `thoroughly`, and remembered if it is better than before."""
@@ -134,7 +134,7 @@ class Search:
         without = self.refine(best.fit.point.with_effects(*rest))
         self._finalists(without, largest=1, besides=effect)
         self._elsewhere(without, effect)
-        for other in self._confusable_with(effect):
+        for other in self._other_forms(effect):
             if other.key not in best.keys:
                 self.refine(best.fit.point.with_effects(*rest, other))
         self._restart(best, rest, effect)
@@ -147,13 +147,14 @@ class Search:
         for effect, second in itertools.permutations(best.fit.effects, 2):
             if (effect.kind, effect.where) == (second.kind, second.where):
                 rest = [e for e in best.fit.effects if e is not effect and e is not second]
-                for other in self._confusable_with(effect):
+                for other in self._other_forms(effect):
                     self.refine(best.fit.point.with_effects(*rest, other))
 
-    def _confusable_with(self, effect: Effect) -> Iterator[Effect]:
+    def _other_forms(self, effect: Effect) -> Iterator[Effect]:
+        """Effects that do nearly the same at its place, as large as it is."""
         return effect.confusable_with((h.effect for h in self.hypotheses), self.problem.simulator.model)
 
-    def confusable_with(self, best: Scored) -> list[Scored]:
+    def near_forms(self, best: Scored) -> list[Scored]:
         """Sets nearly as good as the best, with a confusable effect in one's place."""
         near = []
         for s in self.found.values():
@@ -166,8 +167,8 @@ class Search:
     def _of_best_form(self, best: Scored) -> Scored:
         """Fitted to its end, with the form that explains most by then."""
         self.unite(best)
-        near = self.confusable_with(best)
-        return min((self.refine(s.fit.point, thoroughly=True) for s in (best, *near)), key=score_of)
+        sets = best, *self.near_forms(best)
+        return min((self.refine(s.fit.point, thoroughly=True) for s in sets), key=score_of)
 
     def _exchanged(self, best: Scored) -> Scored:
         """With one effect in another's place as long as that is better."""
@@ -197,7 +198,7 @@ class Search:
 
         What is likeliest among them may still have more than others have; so again, until there is none with fewer.
         """
-        least, form, simplest, score = self.least(best), self.idealised(best), best, best.score
+        least, form, simplest, score = self.least(best), self.least_of_form(best), best, best.score
         while True:
             fewer = [s for s in self.found.values() if s.size < simplest.size and s.score < score + 10 * least]
             refined = [self.refine(s.fit.point) for s in sorted(fewer, key=score_of)[: EFFORT.finalists]]
