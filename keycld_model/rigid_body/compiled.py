@@ -5,9 +5,9 @@ integrators are those of MuJoCo's documentation ("Computation").
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.effects import Effect
 from keycld_model.rigid_body.effects import EffectSlots, residual_numbers
 from keycld_model.rigid_body.engine import Copies
 from keycld_model.rigid_body.equations import (
@@ -47,7 +48,7 @@ class CompiledBatch:
     """
 
     slots: EffectSlots
-    chunks: list[tuple[Traced, Traced]]
+    chunks: list[tuple[Array, Array]]
     residual: tuple[AnyArray, ...]
     step: float
 
@@ -58,6 +59,7 @@ class CompiledEngine:
     def __init__(self, tree: RigidBodyTree) -> None:
         self.tree = tree
         self._programs = _programs(tree)
+        self._known: dict[frozenset[type[Effect]], EffectSlots] = {}
 
     @classmethod
     def of(cls, model: mujoco.MjModel, exact_stiction: bool = False) -> "CompiledEngine | None":
@@ -78,16 +80,22 @@ class CompiledEngine:
     def batch(self, copies: Copies) -> CompiledBatch:
         """Rollouts that are ready to be run."""
         everything = [effect for some in copies.applied for effect in some.effects]
-        slots, windows = EffectSlots.of(copies.models[0], everything), int(copies.window.max()) + 1
+        slots, windows = self._slots(copies.models[0], everything), int(copies.window.max()) + 1
         rows = [
             np.concatenate([self.tree.numbers(model), slots.numbers(some.effects)])
             for model, some in zip(copies.models, copies.applied, strict=True)
         ]
         memory = np.stack([slots.remembered(some, windows) for some in copies.applied])[copies.of, copies.window]
         numbers, step = np.stack(rows)[copies.of], float(copies.models[0].opt.timestep)
-        with jax.enable_x64(True):
-            chunks = [(jnp.asarray(numbers[some].T), jnp.asarray(memory[some].T)) for some in _chunks(len(numbers))]
+        chunks = [(numbers[some].T, memory[some].T) for some in _chunks(len(numbers))]
         return CompiledBatch(slots, chunks, residual_numbers(everything), step)
+
+    def _slots(self, model: mujoco.MjModel, effects: Sequence[Effect]) -> EffectSlots:
+        """Slots that take some effects; these are the same for all variants of a model."""
+        kinds = frozenset(map(type, effects))
+        if kinds not in self._known:
+            self._known[kinds] = EffectSlots.of(model, effects)
+        return self._known[kinds]
 
     def run(self, batch: CompiledBatch, state: Array, control: Array, time: Array) -> Array:
         """States after every step, `[N, S, size]`; see `Engine`."""
@@ -95,7 +103,7 @@ class CompiledEngine:
         out, at = np.empty((n, steps, self.size)), 0
         with jax.enable_x64(True):
             for (numbers, memory), some in zip(batch.chunks, _chunks(n), strict=True):
-                motion, used = Motion.begin(state[some].T, memory, time[some]), min(CHUNK, n - at)
+                motion, used = _at_first(state[some].T, memory, time[some]), min(CHUNK, n - at)
                 for begin in range(0, steps, PIECE):
                     end = min(begin + PIECE, steps)
                     commands = np.zeros((PIECE, control.shape[2], CHUNK))
@@ -106,7 +114,10 @@ class CompiledEngine:
         return out
 
 
-class Motion(NamedTuple):
+Numbers = TypeVar("Numbers", Array, Traced)
+
+
+class Motion(NamedTuple, Generic[Numbers]):
     """Where N rollouts are.
 
     Attributes:
@@ -117,25 +128,31 @@ class Motion(NamedTuple):
         time: `[N]` s, for effects.
     """
 
-    q: Traced
-    v: Traced
-    before: Traced
-    memory: Traced
-    time: Traced
+    q: Numbers
+    v: Numbers
+    before: Numbers
+    memory: Numbers
+    time: Numbers
 
-    @classmethod
-    def begin(cls, state: Array, memory: Traced, time: Array) -> "Motion":
-        """From states `[2 nv, N]`."""
-        q, v = jnp.split(jnp.asarray(state), 2)
-        return cls(q, v, v, memory, jnp.asarray(time))
+
+def _at_first(state: Array, memory: Array, time: Array) -> Motion[Array]:
+    """Where rollouts are that begin with states `[2 nv, N]`."""
+    q, v = np.split(state, 2)
+    return Motion(q, v, v, memory, time)
 
 
 class Program(Protocol):
     """Compiled steps of N rollouts."""
 
     def __call__(
-        self, numbers: Traced, motion: Motion, control: Array, steps: int, h: float, residual: tuple[AnyArray, ...]
-    ) -> tuple[Motion, Traced]:
+        self,
+        numbers: Array,
+        motion: Motion[Array] | Motion[Traced],
+        control: Array,
+        steps: int,
+        h: float,
+        residual: tuple[AnyArray, ...],
+    ) -> tuple[Motion[Traced], Traced]:
         """Where the rollouts are after their steps, and their states `[S, 2 nv, N]`.
 
         Args:
@@ -168,12 +185,17 @@ def _program(tree: RigidBodyTree, slots: EffectSlots) -> Program:
     integrate, nu = _runge_kutta if tree.runge_kutta else _euler, len(tree.motors)
 
     def roll(
-        numbers: Traced, motion: Motion, control: Traced, steps: Traced, h: Traced, residual: tuple[Traced, ...]
-    ) -> tuple[Motion, Traced]:
+        numbers: Traced,
+        motion: Motion[Traced],
+        control: Traced,
+        steps: Traced,
+        h: Traced,
+        residual: tuple[Traced, ...],
+    ) -> tuple[Motion[Traced], Traced]:
         mine, others = jnp.split(numbers, [tree.length])
         own, effects = TreeNumbers.of(tree, mine), slots.traced(others, residual)
 
-        def advance(i: Traced, carry: tuple[Motion, Traced]) -> tuple[Motion, Traced]:
+        def advance(i: Traced, carry: tuple[Motion[Traced], Traced]) -> tuple[Motion[Traced], Traced]:
             (q, v, before, memory, t), path = carry
             u, middle, gain = control[i], t + h / 2, (v - before) / h
             half_q, half_v = q + 0.5 * h * v + 0.125 * h**2 * gain, v + 0.5 * h * gain

@@ -251,6 +251,14 @@ def memories(effects: Sequence[Effect], motor: Array, speed: Array, starts: Arra
         starts: what they remember at first, beyond where they begin, `[V, R, memory]`.
         h: s per step.
     """
+    arrays = tuple((array.shape, array.tobytes()) for array in (motor, speed, starts))
+    return _memories(tuple(effects), arrays, h)
+
+
+@functools.lru_cache(maxsize=32)
+def _memories(effects: tuple[Effect, ...], arrays: tuple[tuple[tuple[int, ...], bytes], ...], h: float) -> Array:
+    """See `memories`; asked again and again for the same, of other windows."""
+    motor, speed, starts = (np.frombuffer(numbers).reshape(shape) for shape, numbers in arrays)
     kind, names = type(effects[0]), _names(type(effects[0]))
     steps, variants, recordings = motor.shape
     rows = [*effects, *[effects[0]] * (-variants % SHAPE[1])]

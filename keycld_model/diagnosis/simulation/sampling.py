@@ -22,9 +22,10 @@ def delayed_commands(commands: Sequence[Array], late: Array, windows: Windows) -
     """What motors get in windows that start a number of steps `[W]` after their own start, `[W, S, nu]`."""
     first = windows.first + late
     whole, part = np.floor(first).astype(int), (first % 1.0)[:, None, None]
-    out = np.empty((len(windows), windows.steps + 1, commands[0].shape[1]))
-    for row, r, k in zip(out, windows.recording, whole, strict=True):
-        row[:] = commands[r][np.clip(np.arange(k, k + len(row)), 0, len(commands[r]) - 1)]
+    length = np.array([len(u) for u in commands])
+    before, last = (np.cumsum(length) - length)[windows.recording], length[windows.recording] - 1
+    step = np.clip(whole[:, None] + np.arange(windows.steps + 1), 0, last[:, None])
+    out = np.concatenate(commands)[before[:, None] + step]
     return (1 - part) * out[:, :-1] + part * out[:, 1:]
 
 

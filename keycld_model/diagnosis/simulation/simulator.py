@@ -108,9 +108,10 @@ class Simulator:
         begun = windows.begun[:, None]
         since = windows.time - windows.start[:, None] + begun
         shown = [observed_times(variant, since) - observed_times(variant, begun) for variant in variants]
-        out = [interpolated(positions[p], velocities[p], shown[i], self.step) for p, i in enumerate(which)]
-        at, speed = zip(*out, strict=True)
-        return np.stack(at), np.stack(speed)
+        flat_q, flat_v, time = (z.reshape(-1, *z.shape[2:]) for z in (positions, velocities, np.stack(shown)[which]))
+        at, speed = interpolated(flat_q, flat_v, time, self.step)
+        shape = positions.shape[:2] + at.shape[1:]
+        return at.reshape(shape), speed.reshape(shape)
 
     def roll(
         self,
