@@ -52,6 +52,28 @@ def test_a_box_stays_a_rectangle():
     assert all(abs(p.start - 0.85) < 0.02 and abs(p.duration - 0.25) < 0.03 for p in found)
 
 
+def three_strong(t, q, v, u):
+    """So strong that masses make up for them, which are then wrong in the windows between."""
+    return np.array([3.0 * sum((-1) ** k * ((1.3 * k + 0.45) <= t < (1.3 * k + 0.65)) for k in range(3)), 0.0])
+
+
+def drag_at_the_shoulder(t, q, v, u):
+    return np.array([-0.05 * v[0], 0.0])
+
+
+@pytest.mark.parametrize(("force", "pushed"), [(three_strong, True), (drag_at_the_shoulder, False)])
+def test_pushes_that_seem_to_be_in_most_windows_are_found_where_they_are_and_what_is_everywhere_is_none(force, pushed):
+    runs = recordings("acrobot", 9, force, errors=0.0, number=6, seconds=4.0)
+    problem = problem_of(Simulator(get_system("acrobot").compile(), 0.01), runs, 2e-4)
+    refitted = minimise(problem, problem.start(), 15)
+    fit = with_pulses(refitted, [0])
+    assert bool(fit.point.variant.pulses) == pushed
+    assert (fit.excess < 0.01 * refitted.excess) == pushed
+    impulses = [(p.start, abs(p.force * p.duration)) for p in fit.point.variant.pulses]
+    there = sum(size for start, size in impulses if min(abs(start - t) for t in (0.45, 1.75, 3.05)) < 0.25)
+    assert there >= 0.9 * sum(size for _, size in impulses)
+
+
 def now_and_then(t, q, v, u):
     """Weak, at other times in every run than where the pendulum is in the same state."""
     return np.array([0.12 * (0.7 <= t < 1.0) - 0.12 * (2.9 <= t < 3.2)])

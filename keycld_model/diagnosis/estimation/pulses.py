@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from keycld_model.diagnosis.criteria import Criteria
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
+from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.estimation.pulse_times import refine_times, window_of
 from keycld_model.diagnosis.estimation.push_responses import push_responses
 from keycld_model.diagnosis.simulation.variant import Pulse
@@ -61,21 +62,45 @@ def price(pulses: Sequence[Pulse], criteria: Criteria) -> float:
 def with_pulses(fit: Fit, joints: Sequence[int] | None = None, only_states: bool = False) -> Fit:
     """A fit with the pulses that its windows show, at some joints or at any; without any if there are none.
 
-    With `only_states`, nuisances and effects stay as they are.
+    Masses that make up for strong pushes are wrong where there are none, and pulses seem to be in most windows. So they
+    begin in the worst ones; if they are in most of them even then, they are none.
+
+    Args:
+        fit: without pulses, or with others.
+        joints: where they may be.
+        only_states: nuisances and effects stay as they are.
     """
     problem, nv = fit.problem, fit.point.q.shape[1]
     joints = range(nv) if joints is None else joints
-    fit, criteria = minimise(problem, fit.point.with_pulses(), only_states=True), problem.criteria
+    before, criteria = minimise(problem, fit.point.with_pulses(), only_states=True), problem.criteria
+    fit, most, doubtful = before, int(criteria.pulse_share * len(problem.windows)), False
     for _ in range(4):  # pulses per window at most
         new = _found(fit, list(joints))
-        if not new or len({window_of(problem.windows, p) for p in new}) > criteria.pulse_share * len(problem.windows):
+        if fit is before:
+            new, doubtful = _in_worst_windows(fit, new, most)
+        if not new or len(_windows_of(problem, new)) > most:
             break
         point = fit.point.with_pulses(*fit.point.variant.pulses, *new)
         better = minimise(problem, refine_times(problem, point), only_states=only_states)
         if better.cost > fit.cost - criteria.pulse:
             break
         fit = better
-    return _with_half_sines(_pruned(fit, only_states), only_states)
+    fit = _pruned(fit, only_states)
+    if doubtful and len(_windows_of(problem, fit.point.variant.pulses)) >= most:
+        return before
+    return _with_half_sines(fit, only_states)
+
+
+def _in_worst_windows(fit: Fit, pulses: Sequence[Pulse], most: int) -> tuple[list[Pulse], bool]:
+    """Pulses that are in one of so many windows which cost most; and whether there are others."""
+    windows, costs = _windows_of(fit.problem, pulses), fit.problem.costs(fit.point)
+    worst = sorted(windows, key=lambda window: -costs[window])[:most]
+    return [p for p in pulses if window_of(fit.problem.windows, p) in worst], len(windows) > most
+
+
+def _windows_of(problem: Problem, pulses: Sequence[Pulse]) -> set[int]:
+    """Windows in which pulses began to be looked for."""
+    return {window_of(problem.windows, p) for p in pulses}
 
 
 def _with_half_sines(fit: Fit, only_states: bool) -> Fit:

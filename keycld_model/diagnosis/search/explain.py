@@ -121,12 +121,15 @@ def explain(refitted: Fit, refined: Refined = lambda scored: None, effects: Sequ
     Where these need shorter steps, the search goes on with such. Pulses only where neither effects nor a residual force
     on the joints, which would come again in the same states, leave only noise, or where they do so but for few windows,
     or such a force is not worth as many numbers as it takes.
-    Where pulses alone explain nearly all, transmissions are not looked for from many starts. When there is no time for
+    Where pulses alone explain nearly all, transmissions are not looked for from many starts, and where effects explain
+    far less, none is exchanged for another. When there is no time for
     more, the best set so far.
     """
     likely, criteria = with_best_pulses(refitted) if concentrated(refitted) else refitted, refitted.problem.criteria
     struck = bool(likely.point.variant.pulses) and likely.excess < criteria.idealised_share * refitted.excess
-    search, residual = Search(refitted.problem, restarts=not effects and not struck, refined=refined), None
+    rival = likely.cost + price(likely.point.variant.pulses, criteria) if struck else np.inf
+    search = Search(refitted.problem, restarts=not effects and not struck, refined=refined, rival=rival)
+    residual = None
     try:
         best = search.run(refitted.point, effects)
         coarse = not refitted.problem.simulator.own_integrator and not effects

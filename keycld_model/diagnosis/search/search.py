@@ -47,6 +47,7 @@ class Search:
         gained: float = 0.0,
         restarts: bool = True,
         refined: Callable[[Scored | None], None] = lambda scored: None,
+        rival: float = np.inf,
     ) -> None:
         """A search for a number of effects at most.
 
@@ -57,13 +58,14 @@ class Search:
             gained: nats that were gained by what it starts with; they count for what is material.
             restarts: look for transmissions from many starts.
             refined: called with every set that was refined, and with None before each that is glanced at.
+            rival: score of an explanation that is none of effects alone.
         """
         self.problem, self.gained, self.restarts, self.refined = problem, gained, restarts, refined
         self.most_effects = problem.criteria.sizes.effects if most_effects is None else most_effects
         self.hypotheses = hypotheses(problem.simulator.model, recorded_range(problem.windows), exclude)
         self.found: dict[Keys, Scored] = {}
         self.dispersion = 1.0
-        self._nothing = np.inf
+        self._rival, self._nothing = rival, np.inf
         self._replaced: set[tuple[Keys, tuple[str, str]]] = set()
         self._restarted: set[tuple[Keys, str]] = set()
 
@@ -75,6 +77,8 @@ class Search:
             best = min(best, self.refine(start.with_effects(*effects)), key=score_of)
         for _ in range(EFFORT.rounds):
             better = self._simplified(self._pruned(min([best, *self._finalists(best)], key=score_of)))
+            if self._nothing - better.score < EFFORT.hopeless * (self._nothing - self._rival):
+                return better
             better = self._simplified(self._exchanged(better))  # what came in another's place may have a simpler form
             better = self._simplified(self._of_best_form(better))
             if not better.improves_on(best, self.least(better)):
