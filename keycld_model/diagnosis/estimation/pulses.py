@@ -63,7 +63,7 @@ def with_pulses(fit: Fit, joints: Sequence[int] | None = None, only_states: bool
     """A fit with the pulses that its windows show, at some joints or at any; without any if there are none.
 
     Masses that make up for strong pushes are wrong where there are none, and pulses seem to be in most windows. So they
-    begin in the worst ones; if they are in most of them even then, they are none.
+    begin in the worst ones; they are none if they are in most of them even then, or leave some unexplained.
 
     Args:
         fit: without pulses, or with others.
@@ -85,10 +85,9 @@ def with_pulses(fit: Fit, joints: Sequence[int] | None = None, only_states: bool
         if better.cost > fit.cost - criteria.pulse:
             break
         fit = better
-    fit = _pruned(fit, only_states)
-    if doubtful and len(_windows_of(problem, fit.point.variant.pulses)) >= most:
-        return before
-    return _with_half_sines(fit, only_states)
+    fit = _with_half_sines(_pruned(fit, only_states), only_states)
+    everywhere = contaminated(fit) or len(_windows_of(problem, fit.point.variant.pulses)) >= most
+    return before if doubtful and everywhere else fit
 
 
 def _in_worst_windows(fit: Fit, pulses: Sequence[Pulse], most: int) -> tuple[list[Pulse], bool]:
