@@ -13,7 +13,7 @@ from keycld_model.image_alignment.look import CAMERA
 from keycld_model.image_alignment.polish import polished
 from keycld_model.image_alignment.pose import FINEST, OUTLIER, TRUSTED, Pose, align, robust_weights
 from keycld_model.image_alignment.scene import STEP, Scene, softened
-from keycld_model.image_alignment.surroundings import Surroundings
+from keycld_model.image_alignment.surroundings import Surroundings, Told
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -102,7 +102,8 @@ def fit_look(
     """Fit the look of a scene.
 
     By Gauss-Newton; after the first sharp steps, the camera is told from what does not move, if that is drawn. Of
-    compressed frames, lengths are searched for at the end, see `polish`.
+    compressed frames, lengths are searched for at the end, see `polish`; and where compression leaves marks on what does
+    not move, the camera that it tells is kept if it leaves less of the frames.
 
     Args:
         scene: that draws.
@@ -118,6 +119,7 @@ def fit_look(
     ]
     state = _State(values, np.full(len(values), np.inf), lights, bank, samples, np.inf)
     loose: Array | None = None
+    doubtful: Told | None = None
     for turn, schedule in enumerate((COARSE, *[SHARP] * ROUNDS)):
         for soft in schedule:
             state = _stepped(scene, state, soft, loose, blur=loose is None and schedule is SHARP)
@@ -125,6 +127,8 @@ def fit_look(
                 advance()
         q = [s.pose.q for s in state.samples]
         told, before = surroundings.camera(scene, state.values, q, loose) if turn else None, loose
+        if told is not None and not told.exact:
+            told, doubtful = None, told
         if told is not None:
             state = _with_camera(scene, state, told.look)
         state, moved = _again(scene, state)
@@ -135,7 +139,10 @@ def fit_look(
         if turn and moved <= FEW and state.moves <= SETTLED and not freer:
             break
     if scene.compressed:
-        state = _polished(scene, state, loose)
+        state, left = _polished(scene, state, loose)
+        if loose is None and doubtful is not None:
+            other, less = _polished(scene, _from_camera(scene, state, doubtful), doubtful.loose)
+            state = other if less < left else state
     of_each = [[s.pose for s in state.samples if s.recording == r] for r in range(len(stills))]
     best = tuple(max(poses, key=lambda pose: pose.explained) for poses in of_each)
     return Look(state.values, state.deviation, tuple(_lights(scene, state)), state.bank, best)
@@ -167,15 +174,27 @@ def _with_camera(scene: Scene, state: _State, look: Array) -> _State:
     return state._replace(values=look, moves=max(state.moves, float(moves.max())))
 
 
-def _polished(scene: Scene, state: _State, loose: Array | None) -> _State:
-    """With the visible lengths, and what still pixels do not tell of the camera, that leave the least of the frames."""
+def _from_camera(scene: Scene, state: _State, told: Told) -> _State:
+    """With another camera, and what goes with it."""
+    state, _ = _again(scene, _with_camera(scene, state, told.look))
+    for soft in SHARP:
+        state = _stepped(scene, state, soft, told.loose, blur=True)
+    return _again(scene, state)[0]
+
+
+def _polished(scene: Scene, state: _State, loose: Array | None) -> tuple[_State, float]:
+    """With the visible lengths, and what still pixels do not tell of the camera, that leave the least of the frames.
+
+    And the squares of grey levels that they leave.
+    """
     lengths = np.diag(scene.look_steps())[[parameter.body is not None for parameter in scene.parameters]]
     directions = lengths if loose is None else np.concatenate([lengths, loose])
     lights = _lights(scene, state)
     seen = [(s.frame, lights[s.recording], s.pose.q) for s in state.samples if s.seen]
     if not len(directions) or not seen:
-        return state
-    return _again(scene, state._replace(values=polished(scene, state.values, directions, seen)))[0]
+        return state, np.inf
+    values, left = polished(scene, state.values, directions, seen)
+    return _again(scene, state._replace(values=values))[0], left
 
 
 def _stepped(scene: Scene, state: _State, soft: float, loose: Array | None, blur: bool) -> _State:

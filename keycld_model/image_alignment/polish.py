@@ -67,8 +67,10 @@ class Follower:
         return least
 
 
-def polished(scene: Scene, look: Array, directions: Array, frames: Sequence[tuple[Image, Light, Array]]) -> Array:
-    """The look `[p]` nearby with the least squares.
+def polished(
+    scene: Scene, look: Array, directions: Array, frames: Sequence[tuple[Image, Light, Array]]
+) -> tuple[Array, float]:
+    """The look `[p]` nearby with the least squares, and these squares of grey levels.
 
     Args:
         scene: that draws.
@@ -83,4 +85,5 @@ def polished(scene: Scene, look: Array, directions: Array, frames: Sequence[tupl
         return sum(follower.left(scene, there, z) for follower in followers)
 
     reaches = [reach / STEP for reach in REACH]
-    return look + least_near(left, len(directions), reaches, EVALUATIONS, EXACT / STEP)[0] @ directions
+    best, least = least_near(left, len(directions), reaches, EVALUATIONS, EXACT / STEP)
+    return look + best @ directions, least

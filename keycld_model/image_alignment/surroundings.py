@@ -35,6 +35,8 @@ FLAT = 1.0
 NOISE = 3.0
 """Times the noise of the mean, and the rounding of a drawing, that the drawing may leave; with more, the surroundings
 are not the simulator's, or compression leaves its marks on them, by which a camera is not told as exactly."""
+MARKS = 0.02
+"""Share of what is to be seen in still pixels that such marks may be; with more, they are not the simulator's."""
 ROUGH = 0.0035
 """By how much more than the least misfit a search may end, squares of grey levels: the most of 24 cameras."""
 TELLING = 0.1
@@ -66,10 +68,12 @@ class Told(NamedTuple):
         look: `[p]`.
         loose: `[k, p]` directions in which they do not tell it: where nothing near the mechanism is still, it may be
             shifted or larger if the camera stands elsewhere.
+        exact: the drawing leaves no more than noise.
     """
 
     look: Array
     loose: Array
+    exact: bool
 
 
 @dataclass(frozen=True)
@@ -110,7 +114,7 @@ class Surroundings:
                 told by the mechanism; it stays there.
 
         Returns:
-            None where too little is still, or the drawing leaves more than noise.
+            None where too little is still, or it is not the simulator's.
         """
         drawn = np.stack([scene.render(q, look) for q in drawn_at])
         moved = (drawn.max(axis=0) - drawn.min(axis=0)).max(axis=-1) > 1
@@ -122,7 +126,7 @@ class Surroundings:
         seen = [(mean - light.offset) / light.gain for mean, light in zip(self.mean, lights, strict=True)]
         shown = np.asarray(np.mean(seen, axis=0), np.float32)
         noise = np.mean([n / np.mean(light.gain) ** 2 for n, light in zip(self.noise, lights, strict=True)])
-        if _misfit(np.zeros_like(usual), shown[still]) < FLAT:
+        if (visible := _misfit(np.zeros_like(usual), shown[still])) < FLAT:
             return None
         steps = _searched(scene.look_steps(), loose)
 
@@ -135,9 +139,10 @@ class Surroundings:
             look = _roughly(misfit(soft), look, steps, reach)
         sharp = misfit(0.0)
         best, left = _polished(sharp, look, steps)
-        if left >= NOISE * (noise / len(lights) + ROUNDED):
+        exact = bool(left < NOISE * (noise / len(lights) + ROUNDED))
+        if not exact and left > MARKS * visible:
             return None
-        return Told(best, _loose(scene, best, drawn_at[0], still))
+        return Told(best, _loose(scene, best, drawn_at[0], still), exact)
 
 
 def _loose(scene: Scene, look: Array, q: Array, still: NDArray[np.bool_]) -> Array:

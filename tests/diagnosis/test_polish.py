@@ -30,6 +30,6 @@ def test_visible_lengths_are_found_in_compressed_frames():
             (f, Light.unchanged(), q)
             for f, q in zip(halved.filmed(np.stack(film)).astype(np.float32), poses, strict=True)
         ]
-        found = polished(scene, off, np.diag(scene.look_steps())[lengths], frames)
+        found, _ = polished(scene, off, np.diag(scene.look_steps())[lengths], frames)
     assert np.abs(found - true)[lengths].max() < 0.008
     assert found[~lengths] == pytest.approx(true[~lengths])
