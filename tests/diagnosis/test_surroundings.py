@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from films import film
+from films import film, jpeg
 
 from keycld_envs.rendering import View
 from keycld_envs.systems import get_system
+from keycld_model.image_alignment.bank import Bank
+from keycld_model.image_alignment.chroma import HalvedChroma
+from keycld_model.image_alignment.fit_look import fit_look
 from keycld_model.image_alignment.look import view_of
-from keycld_model.image_alignment.scene import Scene
-from keycld_model.image_alignment.surroundings import Surroundings, _far_in_place
+from keycld_model.image_alignment.scene import STEP, Scene
+from keycld_model.image_alignment.surroundings import Surroundings, Told, _far_in_place
 
 TRUE = np.array([2.37, -1.24, -0.0056, -0.0089, 0.0459, 0.021, -0.034, 0.02, -0.015, 0.01, 0.0, 0.0])
 """Ten numbers of a view of the cartpole, the length of its pole, and no blur."""
@@ -88,3 +91,48 @@ def test_surroundings_that_are_not_drawn_tell_nothing(filmed):
         for other in (elsewhere, flat):
             assert Surroundings.of(other).camera(scene, TRUE, positions) is None
         assert Surroundings.of(flicker).still.any()  # light that flickers everywhere is no motion
+
+
+@pytest.fixture(scope="module")
+def compressed():
+    """A pendulum, seen from elsewhere, as frames of JPEG have it; and the look of its scene."""
+    true, rng = (
+        np.array([1.1, 1.2, -0.03, -0.007, 0.004, 0.03, -0.008, -0.01, -0.005, -0.02, 0.0, 0.0]),
+        np.random.default_rng(0),
+    )
+    right, up, zoom, aspect, *others = true[:10]
+    view = View(right, up, float(np.exp(zoom)), float(np.exp(aspect)), *others, distance=2.5)
+
+    def develop(image):
+        return jpeg(np.clip(image + rng.normal(0, 4, image.shape), 0, 255).round().astype(np.uint8), 83)
+
+    runs, truth = film("pendulum", runs=2, frames=40, view=view, develop=develop)
+    halved = HalvedChroma.of([run.frames for run in runs])
+    assert halved is not None
+    return true, [halved.filmed(run.frames) for run in runs], [q for positions in truth for q in positions[::8]], halved
+
+
+@pytest.mark.render
+@pytest.mark.long
+def test_where_compression_leaves_marks_the_camera_is_told_but_not_exactly(compressed):
+    true, films, positions, halved = compressed
+    with Scene(get_system("pendulum").compile(), "fixed", (64, 64), "fast", halved) as scene:
+        told = Surroundings.of(films).camera(scene, true, positions)
+        assert told is not None and not told.exact
+        pixels = STEP * np.abs((told.look - true) / scene.look_steps())[:10]
+    assert 0.01 < pixels.max() < 0.3
+
+
+@pytest.mark.render
+@pytest.mark.parametrize("pixels", [0.0, pytest.param(1.0, marks=pytest.mark.long)])
+def test_such_a_camera_is_kept_if_it_leaves_less_of_the_frames(compressed, monkeypatch, pixels):
+    true, films, _, halved = compressed
+    stills = [np.median(frames, axis=0).astype(np.float32) for frames in films]
+    frames = [(r, frame.astype(np.float32)) for r, taken in enumerate(films) for frame in taken[::20]]
+    with Scene(get_system("pendulum").compile(), "fixed", (64, 64), "fast", halved) as scene:
+        off = true + pixels / STEP * scene.look_steps() * (np.arange(len(true)) == 1)
+        told = Told(off, np.zeros((0, len(true))), exact=False)
+        monkeypatch.setattr(Surroundings, "camera", lambda *_: told)
+        look = fit_look(scene, stills, frames, Bank(scene, scene.nominal), Surroundings.of(films))
+    kept = look.values[:10] == pytest.approx(off[:10], abs=1e-9)
+    assert kept == (pixels == 0.0)
