@@ -107,9 +107,10 @@ def compressed():
         return jpeg(np.clip(image + rng.normal(0, 4, image.shape), 0, 255).round().astype(np.uint8), 83)
 
     runs, truth = film("pendulum", runs=2, frames=40, view=view, develop=develop)
-    halved = HalvedChroma.of([run.frames for run in runs])
+    films = [np.asarray(run.frames) for run in runs]
+    halved = HalvedChroma.of(films)
     assert halved is not None
-    return true, [halved.filmed(run.frames) for run in runs], [q for positions in truth for q in positions[::8]], halved
+    return true, [halved.filmed(frames) for frames in films], [q for positions in truth for q in positions[::8]], halved
 
 
 @pytest.mark.render
