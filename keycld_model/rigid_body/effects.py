@@ -255,7 +255,7 @@ def memories(effects: Sequence[Effect], motor: Array, speed: Array, starts: Arra
     return _memories(tuple(effects), arrays, h)
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=8)  # of long recordings, each takes tens of megabytes
 def _memories(effects: tuple[Effect, ...], arrays: tuple[tuple[tuple[int, ...], bytes], ...], h: float) -> Array:
     """See `memories`; asked again and again for the same, of other windows."""
     motor, speed, starts = (np.frombuffer(numbers).reshape(shape) for shape, numbers in arrays)

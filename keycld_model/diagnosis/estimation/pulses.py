@@ -48,7 +48,12 @@ def with_best_pulses(fit: Fit) -> Fit:
     options = [fit, *(with_pulses(fit, [joint]) for joint in range(nv))]
     if nv > 1 and sum(bool(f.point.variant.pulses) for f in options) > 1:
         options.append(with_pulses(fit))
-    return min(options, key=lambda fit: fit.cost + price(fit.point.variant.pulses, fit.problem.criteria))
+    return min(options, key=paid)
+
+
+def paid(fit: Fit) -> float:
+    """Nats of a fit, with its pulses paid for."""
+    return fit.cost + price(fit.point.variant.pulses, fit.problem.criteria)
 
 
 def price(pulses: Sequence[Pulse], criteria: Criteria) -> float:

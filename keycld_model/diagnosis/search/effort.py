@@ -22,7 +22,8 @@ class Effort:
         near_nats: nats behind the best within which sets of confusable effects may be better when they are fitted to
             their end, or with shorter steps.
         near_sets: sets of confusable effects that are tried so.
-        hopeless: share of what pushes explain, below which effects are not exchanged for others.
+        far_behind: share of what pushes explain, where these explain nearly all, below which effects are not exchanged
+            for others: one by one, they would have to explain as much again.
     """
 
     windows: int = 80
@@ -38,7 +39,7 @@ class Effort:
     tried_nats: float = 100.0
     near_nats: float = 50.0
     near_sets: int = 3
-    hopeless: float = 0.5
+    far_behind: float = 0.5
 
 
 EFFORT = Effort()

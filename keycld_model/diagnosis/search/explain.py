@@ -12,7 +12,7 @@ from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.estimation.linearisation import Linearisation
 from keycld_model.diagnosis.estimation.point import Point
 from keycld_model.diagnosis.estimation.problem import Problem
-from keycld_model.diagnosis.estimation.pulses import concentrated, contaminated, price, with_best_pulses
+from keycld_model.diagnosis.estimation.pulses import concentrated, contaminated, paid, price, with_best_pulses
 from keycld_model.diagnosis.estimation.replay import replay
 from keycld_model.diagnosis.inputs.windows import Windows
 from keycld_model.diagnosis.search.budget import Budget, OutOfTime
@@ -122,12 +122,11 @@ def explain(refitted: Fit, refined: Refined = lambda scored: None, effects: Sequ
     on the joints, which would come again in the same states, leave only noise, or where they do so but for few windows,
     or such a force is not worth as many numbers as it takes.
     Where pulses alone explain nearly all, transmissions are not looked for from many starts, and where effects explain
-    far less, none is exchanged for another. When there is no time for
-    more, the best set so far.
+    far less, none is exchanged for another. When there is no time for more, the best set so far.
     """
     likely, criteria = with_best_pulses(refitted) if concentrated(refitted) else refitted, refitted.problem.criteria
     struck = bool(likely.point.variant.pulses) and likely.excess < criteria.idealised_share * refitted.excess
-    rival = likely.cost + price(likely.point.variant.pulses, criteria) if struck else np.inf
+    rival = paid(likely) if struck else np.inf
     search = Search(refitted.problem, restarts=not effects and not struck, refined=refined, rival=rival)
     residual = None
     try:
@@ -185,7 +184,7 @@ def perhaps_pushed(likely: Fit, best: Fit, residual: Fit | None) -> bool:
     if above_noise(residual).max() > 0:
         return True
     numbers = 0.5 * np.log(residual.problem.samples) * freedom(residual)
-    return likely.cost + price(likely.point.variant.pulses, likely.problem.criteria) < residual.cost + numbers
+    return paid(likely) < residual.cost + numbers
 
 
 def _paid(scored: Scored) -> float:

@@ -77,7 +77,7 @@ class Search:
             best = min(best, self.refine(start.with_effects(*effects)), key=score_of)
         for _ in range(EFFORT.rounds):
             better = self._simplified(self._pruned(min([best, *self._finalists(best)], key=score_of)))
-            if self._nothing - better.score < EFFORT.hopeless * (self._nothing - self._rival):
+            if self._nothing - better.score < EFFORT.far_behind * (self._nothing - self._rival):
                 return better
             better = self._simplified(self._exchanged(better))  # what came in another's place may have a simpler form
             better = self._simplified(self._of_best_form(better))
