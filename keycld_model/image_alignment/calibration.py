@@ -88,7 +88,7 @@ def reading_error(
     error -= np.median(error, axis=0)
     pixels = STEP * np.abs(error / steps).max(axis=1)
     good, kept = [pose.readable for pose in again], [pose for pose in again if pose.readable]
-    if not kept:
+    if len(kept) < 2:  # the error of a single one is not told apart from the bias
         return nothing
     before = [poses[k] for k in known[part]]
     unexplained, fit_variance = (_as_of(of(before), of(kept)) for of in (unexplained_by, fit_variance_of))

@@ -105,3 +105,19 @@ def test_turns_that_are_counted_otherwise_are_no_errors():
         again = reading_error(scene, scene.nominal, light, times, run.frames, turned, bank, 0.0)
     assert len(again.error) == 24 and np.abs(again.error).max() < 0.02
     assert read_astray([again]) == 0
+
+
+@pytest.mark.render
+def test_a_single_readable_frame_tells_no_error():
+    """Beside others, its own would be none."""
+    (run,), _ = film("pendulum", runs=1, frames=4)
+    assert run.frames is not None
+    times = 0.02 * np.arange(4, dtype=np.float64)
+    with Scene(get_system("pendulum").compile(), "fixed", (64, 64), "fast") as scene:
+        bank, light = Bank(scene, scene.nominal), Light.unchanged()
+        poses = follow(scene, scene.nominal, light, times, run.frames, bank)
+        alone = [replace(pose, explained=pose.explained if k == 2 else 0.0) for k, pose in enumerate(poses)]
+        assert [pose.readable for pose in alone] == [False, False, True, False]
+        nothing = reading_error(scene, scene.nominal, light, times, run.frames, alone, bank, 0.0)
+    assert len(nothing.error) == 0
+    assert np.isnan(ErrorModel.of([nothing]).usual).all()
