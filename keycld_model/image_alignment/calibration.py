@@ -25,7 +25,10 @@ ASTRAY = 1.0
 MOST_ASTRAY = 0.1
 """Share of the frames drawn at known positions that may be read astray."""
 APART = 1.0
-"""Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least."""
+"""Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least, and
+two frames are on either side where their mean is not."""
+NEAREST = 60
+"""Frames among which two are looked for."""
 
 
 class ReadAgain(NamedTuple):
@@ -57,9 +60,10 @@ def reading_error(
 ) -> ReadAgain:
     """Errors in consecutive readable frames of a recording (a bootstrap of residuals).
 
-    The positions that were read are drawn with the look and the light that were fitted, get what another frame shows
-    beside its own drawing, and are read again. The other frame is the one whose positions are nearest, but for those
-    that are nearer than a pixel: noise, compression, and what pixels do to edges are then as they are here.
+    The positions that were read are drawn with the look and the light that were fitted, get what other frames show
+    beside their own drawings, and are read again. These have the nearest positions, but for those that are nearer than
+    a pixel: noise, compression, and what pixels do to edges are then as they are here. Two of them, on either side, add
+    to as much as one; what one alone leaves beside its edges, as compression does, would draw the edge here there.
 
     Args:
         scene: that draws.
@@ -81,8 +85,8 @@ def reading_error(
     drawn = np.stack([light.apply(scene.render(poses[k].q, look)) for k in known])
     q = np.array([poses[k].q for k in known])
     steps = np.array([scene.joint_steps(at, look) for at in q[part]])
-    others = [_nearest(q, first + k, own) for k, own in enumerate(steps)]
-    shown = drawn[part] + frames[others] - drawn[others]
+    beside = [_beside(q, first + k, own) for k, own in enumerate(steps)]
+    shown = drawn[part] + np.stack([(frames[k] - drawn[k]).sum(axis=0) / np.sqrt(len(k)) for k in beside])
     again = follow(scene, look, light, times[known][part], np.clip(np.round(shown), 0, 255).astype(np.uint8), bank)
     error = nearest_turn(np.array([pose.q for pose in again]), q[part], turning(scene.model)) - q[part]
     error -= np.median(error, axis=0)
@@ -175,14 +179,24 @@ def frames_together(errors: Sequence[Array]) -> Array:
     )
 
 
-def _nearest(q: Array, k: int, steps: Array) -> int:
-    """Index of the frame whose positions are nearest to those of frame k, but far enough; of the farthest, if none is.
+def _beside(q: Array, k: int, steps: Array) -> NDArray[np.intp]:
+    """Indices of two frames with positions on either side of those of frame k, near, but far enough.
+
+    Of one, where no two are; of the farthest, if none is far enough.
 
     Args:
         q: `[T, nq]` positions.
         k: index of the frame.
         steps: `[nq]` changes of each joint that move what is seen by `STEP` pixels.
     """
-    distance = STEP * np.abs((q - q[k]) / steps).max(axis=1)
-    enough = distance >= APART
-    return int(np.argmin(np.where(enough, distance, np.inf)) if enough.any() else np.argmax(distance))
+    away = STEP * (q - q[k]) / steps
+    distance = np.abs(away).max(axis=1)
+    nearest = np.argsort(distance, kind="stable")
+    enough = nearest[distance[nearest] >= APART][:NEAREST]
+    if not len(enough):
+        return nearest[-1:]
+    together = np.abs(away[enough][:, None] + away[enough]).max(axis=-1)
+    first, second = np.unravel_index(
+        np.argmin(together + (distance[enough][:, None] + distance[enough]) / 2), together.shape
+    )
+    return enough[[first, second]] if together[first, second] < APART else enough[:1]
