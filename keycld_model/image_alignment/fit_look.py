@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.look import CAMERA
-from keycld_model.image_alignment.polish import polished
+from keycld_model.image_alignment.polish import best_blur, polished
 from keycld_model.image_alignment.pose import FINEST, OUTLIER, TRUSTED, Pose, align, robust_weights
 from keycld_model.image_alignment.scene import STEP, Scene, softened
 from keycld_model.image_alignment.surroundings import Surroundings, Told
@@ -183,18 +183,26 @@ def _from_camera(scene: Scene, state: _State, told: Told) -> _State:
 
 
 def _polished(scene: Scene, state: _State, loose: Array | None) -> tuple[_State, float]:
-    """With the visible lengths, and what still pixels do not tell of the camera, that leave the least of the frames.
+    """With the blur, then the visible lengths and what still pixels do not tell of the camera, that leave the least.
 
-    And the squares of grey levels that they leave.
+    And the squares of grey levels that they leave of the frames.
     """
     lengths = np.diag(scene.look_steps())[[parameter.body is not None for parameter in scene.parameters]]
     directions = lengths if loose is None else np.concatenate([lengths, loose])
-    lights = _lights(scene, state)
-    seen = [(s.frame, lights[s.recording], s.pose.q) for s in state.samples if s.seen]
-    if not len(directions) or not seen:
+    if not any(s.seen for s in state.samples):
         return state, np.inf
-    values, left = polished(scene, state.values, directions, seen)
+    blur = best_blur(scene, state.values, _seen(scene, state))
+    state, _ = _again(scene, state._replace(values=np.append(state.values[:-1], blur)))
+    if not len(directions):
+        return state, np.inf
+    values, left = polished(scene, state.values, directions, _seen(scene, state))
     return _again(scene, state._replace(values=values))[0], left
+
+
+def _seen(scene: Scene, state: _State) -> list[tuple[Image, Light, Array]]:
+    """Frames that show the mechanism, with the light of their recordings, and its poses."""
+    lights = _lights(scene, state)
+    return [(s.frame, lights[s.recording], s.pose.q) for s in state.samples if s.seen]
 
 
 def _stepped(scene: Scene, state: _State, soft: float, loose: Array | None, blur: bool) -> _State:

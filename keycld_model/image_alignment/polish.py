@@ -1,7 +1,8 @@
 """The end of a look's fit to compressed frames, without derivatives.
 
 What compression leaves goes with the edges of what is drawn, and so with slopes of drawings, which are of finite
-differences: the look at which least squares along such slopes come to rest has not the least squares.
+differences: the look at which least squares along such slopes come to rest has not the least squares. And it takes
+fine detail from what stands still and is faint, so that blur is more there than where the mechanism is.
 """
 
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from keycld_model.image_alignment.light import Light
 from keycld_model.image_alignment.pose import FINE, SATURATED
@@ -26,6 +28,10 @@ EVALUATIONS = 60
 """Of such a search, at most; each draws every frame three times."""
 FOLLOWING = 2
 """Steps by which a pose follows a look."""
+MOST_BLUR = 1.0
+"""Variance of a blur that is looked for at least, square pixels; or twice that so far."""
+EXACT_BLUR = 0.005
+"""Square pixels."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,20 @@ class Follower:
             if step < FOLLOWING:
                 q = q + self.back @ left.ravel()
         return least
+
+
+def best_blur(scene: Scene, look: Array, frames: Sequence[tuple[Image, Light, Array]]) -> float:
+    """The variance of blur, square pixels, with which drawings leave the least squares of frames; as in `polished`."""
+
+    def left(variance: float) -> float:
+        blurred = np.append(look[:-1], variance)
+        drawn = [light.apply(scene.render(q, blurred)) for _, light, q in frames]
+        off = [frame - own for (frame, _, _), own in zip(frames, drawn, strict=True)]
+        return float(np.sum(np.clip(off, -SATURATED, SATURATED) ** 2))
+
+    most = max(MOST_BLUR, 2 * float(look[-1]))
+    found = minimize_scalar(left, bounds=(0.0, most), method="bounded", options={"xatol": EXACT_BLUR})
+    return float(min((look[-1], found.x), key=left))
 
 
 def polished(

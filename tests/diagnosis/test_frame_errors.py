@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from films import film
+from films import film, jpeg
+from numpy.typing import NDArray
 from plants import recordings
 
 from keycld_envs.systems import get_system
@@ -16,12 +17,15 @@ from keycld_model.image_alignment.calibration import (
     MOST_ASTRAY,
     ErrorModel,
     ReadAgain,
+    _beside,
     read_astray,
     reading_error,
 )
-from keycld_model.image_alignment.follow import follow
+from keycld_model.image_alignment.chroma import HalvedChroma
+from keycld_model.image_alignment.follow import follow, turning
 from keycld_model.image_alignment.light import Light
-from keycld_model.image_alignment.scene import Scene
+from keycld_model.image_alignment.scene import STEP, Scene
+from keycld_model.turns import nearest_turn
 
 
 def frames(level: float, slope: float, factor: float = 0.0, number: int = 4000) -> ReadAgain:
@@ -121,3 +125,37 @@ def test_a_single_readable_frame_tells_no_error():
         nothing = reading_error(scene, scene.nominal, light, times, run.frames, alone, bank, 0.0)
     assert len(nothing.error) == 0
     assert np.isnan(ErrorModel.of([nothing]).usual).all()
+
+
+@pytest.mark.render
+@pytest.mark.parametrize("system", ["pendulum", "acrobot"])
+def test_errors_in_compressed_films_are_as_large_as_they_are_said_to_be(system: str) -> None:
+    """What compression leaves beside the edges of one frame would draw those of another there: two to five times."""
+    rng = np.random.default_rng(1)
+
+    def develop(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        noisy = image + rng.normal(0, 3, image.shape)
+        return jpeg(np.clip(np.round(noisy), 0, 255).astype(np.uint8), 82)
+
+    (run,), (true,) = film(system, runs=1, frames=100, develop=develop)
+    assert run.frames is not None and run.t_frame is not None
+    halved = HalvedChroma.of([run.frames])
+    assert halved is not None
+    frames = halved.filmed(run.frames)
+    with Scene(get_system(system).compile(), "fixed", (64, 64), "fast", halved) as scene:
+        bank, light = Bank(scene, scene.nominal), Light.unchanged()
+        poses = follow(scene, scene.nominal, light, run.t_frame, frames, bank)
+        again = reading_error(scene, scene.nominal, light, run.t_frame, frames, poses, bank, 0.0)
+        turn = turning(scene.model)
+    error = nearest_turn(np.array([pose.q for pose in poses]), true, turn) - true
+    said, is_so = np.sqrt(np.mean(again.error**2, axis=0)), np.std(error, axis=0)
+    assert (said < 2 * is_so).all() and (said > 0.8 * is_so).all()
+
+
+def test_two_frames_are_on_either_side():
+    q = np.array([[0.0, 0.0], [0.02, 0.02], [0.04, -0.03], [-0.04, 0.04], [0.05, 0.04], [-0.05, -0.04], [2.0, 0.0]])
+    pixel = np.full(2, STEP / 40)  # a pixel is 1/40 rad
+    assert set(_beside(q, 0, pixel)) == {2, 3}
+    assert set(_beside(q[[0, 1, 4, 5]], 0, pixel)) == {2, 3}
+    assert list(_beside(q[[0, 2, 4]], 0, pixel)) == [1]  # the nearest, where all others are on one side
+    assert list(_beside(q[:2], 0, pixel)) == [1]  # none is a pixel away
