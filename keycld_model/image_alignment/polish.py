@@ -7,7 +7,7 @@ fine detail from what stands still and is faint, so that blur is more there than
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,8 +83,8 @@ def best_blur(scene: Scene, look: Array, frames: Sequence[tuple[Image, Light, Ar
         return float(np.sum(np.clip(off, -SATURATED, SATURATED) ** 2))
 
     most = max(MOST_BLUR, 2 * float(look[-1]))
-    found = minimize_scalar(left, bounds=(0.0, most), method="bounded", options={"xatol": EXACT_BLUR})
-    return float(min((look[-1], found.x), key=left))
+    found: Any = minimize_scalar(left, bounds=(0.0, most), method="bounded", options={"xatol": EXACT_BLUR})
+    return min(float(look[-1]), float(found.x), key=left)
 
 
 def polished(
