@@ -25,8 +25,8 @@ ASTRAY = 1.0
 MOST_ASTRAY = 0.1
 """Share of the frames drawn at known positions that may be read astray."""
 APART = 1.0
-"""Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least, and
-two frames are on either side where their mean is not."""
+"""Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least. Two
+frames are on either side of a third whose positions are less than half as far from their mean."""
 NEAREST = 60
 """Frames among which two are looked for."""
 
@@ -62,8 +62,9 @@ def reading_error(
 
     The positions that were read are drawn with the look and the light that were fitted, get what other frames show
     beside their own drawings, and are read again. These have the nearest positions, but for those that are nearer than
-    a pixel: noise, compression, and what pixels do to edges are then as they are here. Two of them, on either side, add
-    to as much as one; what one alone leaves beside its edges, as compression does, would draw the edge here there.
+    a pixel: noise, compression, and what pixels do to edges are then as they are here. Two of them, on either side,
+    are added and divided by the square root of two: noise is then as large as of one, but what is left along the edges
+    of one, as by compression, would draw the pose towards it.
 
     Args:
         scene: that draws.

@@ -29,7 +29,7 @@ EVALUATIONS = 60
 FOLLOWING = 2
 """Steps by which a pose follows a look."""
 MOST_BLUR = 1.0
-"""Variance of a blur that is looked for at least, square pixels; or twice that so far."""
+"""Square pixels; variances of blur are searched up to this one, or up to twice the one so far if that is more."""
 EXACT_BLUR = 0.005
 """Square pixels."""
 
