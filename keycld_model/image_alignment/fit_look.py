@@ -102,8 +102,8 @@ def fit_look(
     """Fit the look of a scene.
 
     By Gauss-Newton; after the first sharp steps, the camera is told from what does not move, if that is drawn. Of
-    compressed frames, blur and lengths are searched for at the end, see `polish`; and where what does not move bears marks of
-    compression, the camera that it tells is kept if it leaves less of the frames.
+    compressed frames, blur and lengths are searched for at the end, see `polish`; and where what does not move bears
+    marks of compression, the camera that it tells is kept if it leaves less of the frames.
 
     Args:
         scene: that draws.
