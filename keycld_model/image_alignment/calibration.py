@@ -28,7 +28,7 @@ APART = 1.0
 """Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least. Two
 frames are on either side of a third whose positions are less than half as far from their mean."""
 NEAREST = 60
-"""Frames among which two are looked for."""
+"""Frames among which two are looked for: their pairs are the square of it, and those farther away show other edges."""
 
 
 class ReadAgain(NamedTuple):

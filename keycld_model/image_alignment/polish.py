@@ -29,9 +29,9 @@ EVALUATIONS = 60
 FOLLOWING = 2
 """Steps by which a pose follows a look."""
 MOST_BLUR = 1.0
-"""Square pixels; variances of blur are searched up to this one, or up to twice the one so far if that is more."""
+"""Square pixels, as of a camera out of focus; variances are searched up to this one, or up to twice the one so far."""
 EXACT_BLUR = 0.005
-"""Square pixels."""
+"""Square pixels; a fiftieth of what compression was taken for."""
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from keycld_model.image_alignment.calibration import (
 from keycld_model.image_alignment.chroma import HalvedChroma
 from keycld_model.image_alignment.follow import follow, turning
 from keycld_model.image_alignment.light import Light
+from keycld_model.image_alignment.pose import Pose
 from keycld_model.image_alignment.scene import STEP, Scene
 from keycld_model.turns import nearest_turn
 
@@ -35,6 +36,12 @@ def frames(level: float, slope: float, factor: float = 0.0, number: int = 4000) 
     first = np.sqrt(level + slope * unexplained + factor * fit_variance[:, 0])
     errors = rng.normal(0, np.stack([first, np.full(number, 3e-3)], axis=1))
     return ReadAgain(errors, unexplained, fit_variance, np.full(number, 0.02))
+
+
+def followed(scene: Scene, times: NDArray[np.float64], frames: NDArray[np.uint8]) -> tuple[Bank, Light, list[Pose]]:
+    """Poses of frames that are seen as the simulator has them."""
+    bank, light = Bank(scene, scene.nominal), Light.unchanged()
+    return bank, light, follow(scene, scene.nominal, light, times, frames, bank)
 
 
 def test_variances_grow_with_what_is_unexplained():
@@ -103,8 +110,7 @@ def test_turns_that_are_counted_otherwise_are_no_errors():
     assert run.frames is not None
     times = 0.02 * np.arange(24, dtype=np.float64)
     with Scene(get_system("pendulum").compile(), "fixed", (64, 64), "fast") as scene:
-        bank, light = Bank(scene, scene.nominal), Light.unchanged()
-        poses = follow(scene, scene.nominal, light, times, run.frames, bank)
+        bank, light, poses = followed(scene, times, run.frames)
         turned = [replace(pose, q=pose.q + 2 * np.pi * (k > 11)) for k, pose in enumerate(poses)]
         again = reading_error(scene, scene.nominal, light, times, run.frames, turned, bank, 0.0)
     assert len(again.error) == 24 and np.abs(again.error).max() < 0.02
@@ -118,8 +124,7 @@ def test_a_single_readable_frame_tells_no_error():
     assert run.frames is not None
     times = 0.02 * np.arange(4, dtype=np.float64)
     with Scene(get_system("pendulum").compile(), "fixed", (64, 64), "fast") as scene:
-        bank, light = Bank(scene, scene.nominal), Light.unchanged()
-        poses = follow(scene, scene.nominal, light, times, run.frames, bank)
+        bank, light, poses = followed(scene, times, run.frames)
         alone = [replace(pose, explained=pose.explained if k == 2 else 0.0) for k, pose in enumerate(poses)]
         assert [pose.readable for pose in alone] == [False, False, True, False]
         nothing = reading_error(scene, scene.nominal, light, times, run.frames, alone, bank, 0.0)
@@ -130,7 +135,7 @@ def test_a_single_readable_frame_tells_no_error():
 @pytest.mark.render
 @pytest.mark.parametrize("system", ["pendulum", "acrobot"])
 def test_errors_in_compressed_films_are_as_large_as_they_are_said_to_be(system: str) -> None:
-    """What compression leaves beside the edges of one frame would draw those of another there: two to five times."""
+    """Where the look is the true one; with another, one frame in place of two would say several times as much."""
     rng = np.random.default_rng(1)
 
     def develop(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -143,8 +148,7 @@ def test_errors_in_compressed_films_are_as_large_as_they_are_said_to_be(system: 
     assert halved is not None
     frames = halved.filmed(run.frames)
     with Scene(get_system(system).compile(), "fixed", (64, 64), "fast", halved) as scene:
-        bank, light = Bank(scene, scene.nominal), Light.unchanged()
-        poses = follow(scene, scene.nominal, light, run.t_frame, frames, bank)
+        bank, light, poses = followed(scene, run.t_frame, frames)
         again = reading_error(scene, scene.nominal, light, run.t_frame, frames, poses, bank, 0.0)
         turn = turning(scene.model)
     error = nearest_turn(np.array([pose.q for pose in poses]), true, turn) - true
