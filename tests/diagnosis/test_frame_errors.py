@@ -133,9 +133,9 @@ def test_a_single_readable_frame_tells_no_error():
 
 
 @pytest.mark.render
-@pytest.mark.parametrize("system", ["pendulum", "acrobot"])
-def test_errors_in_compressed_films_are_as_large_as_they_are_said_to_be(system: str) -> None:
-    """Where the look is the true one; with another, one frame in place of two would say several times as much."""
+@pytest.mark.parametrize(("system", "blur", "most"), [("pendulum", 0.0, 2), ("acrobot", 0.0, 2), ("pendulum", 0.25, 3)])
+def test_errors_in_compressed_films_are_as_large_as_they_are_said_to_be(system: str, blur: float, most: float) -> None:
+    """Where drawings are too soft, one frame in place of two would say four times as much."""
     rng = np.random.default_rng(1)
 
     def develop(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -148,12 +148,14 @@ def test_errors_in_compressed_films_are_as_large_as_they_are_said_to_be(system: 
     assert halved is not None
     frames = halved.filmed(run.frames)
     with Scene(get_system(system).compile(), "fixed", (64, 64), "fast", halved) as scene:
-        bank, light, poses = followed(scene, run.t_frame, frames)
-        again = reading_error(scene, scene.nominal, light, run.t_frame, frames, poses, bank, 0.0)
+        look, light = np.append(scene.nominal[:-1], blur), Light.unchanged()
+        bank = Bank(scene, look)
+        poses = follow(scene, look, light, run.t_frame, frames, bank)
+        again = reading_error(scene, look, light, run.t_frame, frames, poses, bank, 0.0)
         turn = turning(scene.model)
     error = nearest_turn(np.array([pose.q for pose in poses]), true, turn) - true
     said, is_so = np.sqrt(np.mean(again.error**2, axis=0)), np.std(error, axis=0)
-    assert (said < 2 * is_so).all() and (said > 0.8 * is_so).all()
+    assert (said < most * is_so).all() and (said > 0.8 * is_so).all()
 
 
 def test_two_frames_are_on_either_side():
