@@ -70,7 +70,8 @@ class Criteria:
     """Thresholds of a diagnosis.
 
     Attributes:
-        certain: nats that findings must gain, their parameters paid for, for the verdict "mismatch".
+        certain: nats that findings must gain, their parameters paid for, on training and held-out recordings together,
+            for the verdict "mismatch".
         doubtful: nats below which findings are not mentioned, and changes of a fit or an experiment do not matter.
         rival: nats within which a set of effects is not excluded by the best one.
         effect: nats that an effect must gain beyond the price of its parameters, for it was one among hundreds.

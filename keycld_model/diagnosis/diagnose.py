@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -192,23 +193,19 @@ def _report(
 ) -> Report:
     """What held-out recordings say of what explains the others."""
     refitted, dropped = explained.refitted, Dropped()
-    rivals = Rivals.of(explained, dropped, budget)
-    found = [*findings_of(explained.best, rivals, explained.search), *pulses_of(explained.on_all_windows)]
-    advance(10, "testing on held-out recordings")
     tested = HeldOut.of(test, refitted)
     before = tested.short(refitted)
-    named = decide_on_named(explained, found, before, tested)
-    left = _left(named, explained, before, tested)
-    advance(5, "fitting a residual force")
-    decided = None
-    if not budget.leaves_out("a residual force"):
-        decided = dropped.tried("residual force", lambda: decide_on_residual(named, explained, tested, left))
+    judged = _judged(explained, tested, before, dropped, budget, advance)
+    if judged.concluded.unknown and (weak := explained.of_weak_effect) is not None:
+        again = _judged(weak, tested, before, dropped, budget, lambda *args: None)
+        judged = judged if again.concluded.unknown else again
+    explained, named, left = judged.explained, judged.named, judged.left
     advance(10, "proposing the next recording")
-    concluded, rollouts = never_worse(decided or doubted(named, left), explained, tested)
+    concluded, rollouts = never_worse(judged.concluded, explained, tested)
     nothing = named.verdict == "undetermined"
     proposed = None
     if named.findings and not budget.leaves_out("the next recording"):
-        proposed = rivals.next_experiment(tested.samples, nothing)
+        proposed = judged.rivals.next_experiment(tested.samples, nothing)
     advance(5)
     errors = _errors(concluded, rollouts, tested)
     return Report(
@@ -224,6 +221,37 @@ def _report(
         details=_details(explained, concluded, dropped),
         evidence=evidence(model, (refitted, concluded.fit), (rollouts.refitted, rollouts.corrected)),
     )
+
+
+class _Judged(NamedTuple):
+    """An explanation, what rivals it, what held-out recordings say of its names, and beside a residual force."""
+
+    explained: Explanation
+    rivals: Rivals
+    named: Conclusion
+    left: Unexplained
+    concluded: Conclusion
+
+
+def _judged(
+    explained: Explanation,
+    tested: HeldOut,
+    before: Fit,
+    dropped: Dropped,
+    budget: Budget,
+    advance: Callable[..., None],
+) -> _Judged:
+    """What held-out recordings say, `before` being the refitted simulator on them."""
+    rivals = Rivals.of(explained, dropped, budget)
+    found = [*findings_of(explained.best, rivals, explained.search), *pulses_of(explained.on_all_windows)]
+    advance(10, "testing on held-out recordings")
+    named = decide_on_named(explained, found, before, tested)
+    left = _left(named, explained, before, tested)
+    advance(5, "fitting a residual force")
+    decided = None
+    if not budget.leaves_out("a residual force"):
+        decided = dropped.tried("residual force", lambda: decide_on_residual(named, explained, tested, left))
+    return _Judged(explained, rivals, named, left, decided or doubted(named, left))
 
 
 def _left(named: Conclusion, explained: Explanation, before: Fit, tested: HeldOut) -> Unexplained:

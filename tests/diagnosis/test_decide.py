@@ -62,6 +62,15 @@ def test_what_held_out_recordings_deny_as_strongly_as_others_ask_for_it_is_not_s
     assert (concluded.verdict, bool(concluded.findings)) == (expected, expected == "mismatch")
 
 
+def test_an_effect_that_only_held_out_recordings_show_clearly_is_named_and_not_called_unknown():
+    """Friction gains 5.4 nats on three short recordings, of which six are asked, and 13.5 on fifteen others."""
+    every = recordings("pendulum", 0, lambda t, q, v, u: -0.005 * v, number=18, seconds=1.0)
+    report = diagnose(every[:3], get_system("pendulum").compile(), every[3:])
+    (found,) = report.findings
+    assert report.verdict == "mismatch" and "viscous_friction" in {found.effect, *found.rivals}
+    assert STANDARD.doubtful < report.details["gain_nats"] < STANDARD.effect < report.details["held_out_gain_nats"]
+
+
 @pytest.mark.parametrize(
     "verdict, significant, fraction, expected",
     [

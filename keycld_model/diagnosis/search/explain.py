@@ -16,7 +16,7 @@ from keycld_model.diagnosis.estimation.pulses import concentrated, contaminated,
 from keycld_model.diagnosis.estimation.replay import replay
 from keycld_model.diagnosis.inputs.windows import Windows
 from keycld_model.diagnosis.search.budget import Budget, OutOfTime
-from keycld_model.diagnosis.search.criterion import Scored, above_noise, dispersion, penalty
+from keycld_model.diagnosis.search.criterion import Scored, above_noise, dispersion, penalty, score_of
 from keycld_model.diagnosis.search.effort import EFFORT
 from keycld_model.diagnosis.search.residual_fit import fit_residual_force, freedom
 from keycld_model.diagnosis.search.search import Search
@@ -45,6 +45,14 @@ class Explanation:
     def gain(self) -> float:
         """Nats of effects and pulses, with their parameters paid for."""
         return float(self.refitted.cost / self.search.dispersion - _paid(self.best))
+
+    @property
+    def of_weak_effect(self) -> "Explanation | None":
+        """With the likeliest single effect, where nothing was worth its parameters; None if none was refined."""
+        singles = [scored for keys, scored in self.search.found.items() if len(keys) == 1]
+        if not singles or self.best.keys or self.best.fit.point.variant.pulses:
+            return None
+        return replace(self, best=min(singles, key=score_of))
 
     @property
     def on_all_windows(self) -> Fit:

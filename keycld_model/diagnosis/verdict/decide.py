@@ -13,6 +13,7 @@ from keycld_model.diagnosis.search.residual_fit import ROUNDS, fit_residual_forc
 from keycld_model.diagnosis.verdict.findings import may_be_absent, residual_force_finding
 from keycld_model.diagnosis.verdict.held_out import HeldOut
 from keycld_model.diagnosis.verdict.report import Finding, Unexplained, Verdict
+from keycld_model.rigid_body.residual_force import ResidualForce
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,11 @@ class Conclusion:
     nats: float
     ceiling: Fit | None = None
 
+    @property
+    def unknown(self) -> bool:
+        """A residual force is all that was found."""
+        return bool(self.findings) and all(finding.effect == ResidualForce.id for finding in self.findings)
+
 
 def decide_on_named(explained: Explanation, found: list[Finding], before: Fit, held_out: HeldOut) -> Conclusion:
     """Whether effects and pulses are missing.
@@ -49,7 +55,7 @@ def decide_on_named(explained: Explanation, found: list[Finding], before: Fit, h
     nats = (predicted(after) - predicted(before)) / explained.search.dispersion
     if not found or explained.gain <= criteria.doubtful or explained.gain + nats <= criteria.doubtful:
         return Conclusion("no_mismatch", explained.refitted, before, [], nats)
-    sure = explained.gain > criteria.certain and nats > 0
+    sure = nats > 0 and explained.gain + nats > criteria.certain
     return Conclusion("mismatch" if sure else "undetermined", explained.best.fit, after, found, nats)
 
 
