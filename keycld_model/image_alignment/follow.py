@@ -1,5 +1,6 @@
 """Poses of all frames of a recording, one after the other."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,14 +11,19 @@ from numpy.typing import NDArray
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.fit_look import UNSEEN, find_pose
 from keycld_model.image_alignment.light import Light
-from keycld_model.image_alignment.pose import Pose, align, nothing_moves
+from keycld_model.image_alignment.pose import TRUSTED, Pose, align, nothing_moves
 from keycld_model.image_alignment.scene import Scene
 from keycld_model.turns import nearest_turn
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 WORSE = 3.0
-"""A misfit of so many times the usual one is looked at again from elsewhere."""
+"""A misfit, or a share of the motion that is left, of so many times the usual one is looked at again from elsewhere."""
+LEFT = 0.1
+"""Share of the motion that any pose may leave: edges drawn in a few shades leave some."""
+AT_SPEED = 3
+"""Frames for which a mechanism goes on as fast as it was while it is not read; swings turn back after longer, and would
+be taken for whole turns."""
 
 
 def follow(
@@ -28,7 +34,7 @@ def follow(
     frames: NDArray[np.uint8],
     bank: Bank,
 ) -> list[Pose]:
-    """Poses of consecutive frames; each begins where the last three lead to.
+    """Poses of consecutive frames; each begins where the last three that explained theirs lead to.
 
     Hinges turn on beyond a full turn, as they do. Where nothing is seen, the last pose stays.
 
@@ -42,7 +48,7 @@ def follow(
     """
     still, turn = light.apply(bank.still), turning(scene.model)
     poses: list[Pose] = []
-    misfits: list[float] = []
+    misfits: list[tuple[float, float]] = []
     for k, raw in enumerate(frames):
         frame = raw.astype(np.float32)
         if poses and nothing_moves(frame, still):
@@ -50,13 +56,12 @@ def follow(
             continue
         guess = _continued(times[: k + 1], poses)
         pose = None if guess is None else align(scene, look, light, frame, still, guess, near=True)
-        usual = float(np.median(misfits[-50:])) if misfits else np.inf
-        if pose is None or k < 2 or pose.explained < UNSEEN or pose.misfit > WORSE * usual:
+        if pose is None or k < 2 or pose.explained < UNSEEN or _unusual(pose, misfits[-50:]):
             other = find_pose(scene, look, light, frame, bank, still)
             pose = other if pose is None or other.explained > pose.explained + 0.02 else pose
         near = guess if guess is not None else np.zeros_like(pose.q)
         poses.append(replace(pose, q=nearest_turn(pose.q, near, turn)))
-        misfits.append(pose.misfit)
+        misfits.append((pose.misfit, 1 - pose.explained))
     return poses
 
 
@@ -65,11 +70,23 @@ def turning(model: mujoco.MjModel) -> NDArray[np.bool_]:
     return (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & ~model.jnt_limited.astype(bool)
 
 
+def _unusual(pose: Pose, before: Sequence[tuple[float, float]]) -> bool:
+    """Whether it leaves far more of pixels, grey levels, or of what moves, a share, than those before."""
+    misfit, left = np.median(before, axis=0)
+    return pose.misfit > WORSE * misfit or 1 - pose.explained > max(LEFT, WORSE * left)
+
+
 def _continued(times: Array, poses: Sequence[Pose]) -> Array | None:
-    """Where the last poses lead to at the last of the times; None at the beginning."""
-    known = min(3, len(poses))
-    if known == 0:
+    """Where the last poses that explained their frames lead to at the last of the times; None at the beginning.
+
+    At constant acceleration from three frames that follow each other up to it; otherwise at constant speed, or, after
+    longer, where the last one was.
+    """
+    if not poses:
         return None
-    t = times[-known - 1 :] - times[-1]
-    q = np.stack([pose.q for pose in poses[-known:]])
-    return np.polynomial.polynomial.polyfit(t[:-1], q, known - 1)[0]
+    told = (k for k in reversed(range(len(poses))) if poses[k].explained >= TRUSTED)
+    known = list(itertools.islice(told, 3)) or [len(poses) - 1]
+    if len(poses) - known[-1] > 3:
+        known = known[: 2 if len(poses) - known[0] <= AT_SPEED else 1]
+    q = np.stack([poses[k].q for k in known])
+    return np.polynomial.polynomial.polyfit(times[known] - times[-1], q, len(known) - 1)[0]

@@ -27,8 +27,12 @@ CLOSE = 0.03
 """A step of so many steps of finite differences (.02 pixels) needs no other."""
 LOST = 0.5
 """After a last step of more than so many (.35 pixels) a pose is looked for from farther away."""
+ASTRAY = 1.5
+"""And from where so many steps (1 pixel) have led elsewhere: differences are not linear over as far."""
 FINE = 0.3
 """Share of a step of finite differences (.2 pixels) for the last steps: shorter than the width of an edge."""
+AGAIN = 4
+"""Times that the last steps are taken, at most, until they lead no farther than one difference."""
 ROUNDS = 4
 """Steps with one Jacobian, at most."""
 TRUSTED = 0.5
@@ -92,13 +96,18 @@ def align(scene: Scene, look: Array, light: Light, frame: Image, still: Image, s
             come first.
     """
     fit = _Fit(scene, look, light, frame)
-    if not near or fit.converge(start, 0.0) >= LOST:
+    if not near or fit.converge(start, 0.0) >= LOST or fit.moved(start) >= ASTRAY:
         q = start
         for soft in SOFT:
             fit.converge(q, soft)
             q = fit.q
         fit.converge(q, 0.0)
-    fit.converge(fit.q, 0.0, FINE)
+    for left in reversed(range(AGAIN)):
+        q = fit.q
+        fit.converge(q, 0.0, FINE)
+        if not left or fit.moved(q) < FINE:
+            break
+        fit.converge(fit.q, 0.0)
     return fit.pose(still)
 
 
@@ -118,6 +127,11 @@ class _Fit:
         share = explained_share(self._frame, self._drawn, still)
         in_view = self._scene.in_view(self.q, self._look)
         return Pose(self.q, self._covariance, self._misfit, share, self._uncertainty, in_view)
+
+    def moved(self, start: Array) -> float:
+        """How far the best pose is from one that was begun from, in steps of finite differences."""
+        away = (self.q - start) / self._scene.joint_steps(start, self._look)
+        return float(np.abs(away).max())
 
     def converge(self, q: Array, soft: float, fine: float = 1.0) -> float:
         """Steps of Gauss-Newton with one Jacobian, on images softened so far; returns the length of the last.

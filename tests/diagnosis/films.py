@@ -2,7 +2,7 @@
 
 import copy
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import imageio.v3 as iio
 import mujoco
@@ -26,8 +26,9 @@ def film(
     change: Callable[[mujoco.MjModel], None] = lambda model: None,
     size: tuple[int, int] = (64, 64),
     seed: int = 0,
+    qvel: Sequence[float] = (),
 ) -> tuple[list[Recording], list[NDArray[np.float64]]]:
-    """Recordings with frames alone, released from rest, and the true positions."""
+    """Recordings with frames alone, released from rest or at speeds, and the true positions."""
     declared, rng = get_system(system), np.random.default_rng(seed)
     model = declared.compile()
     change(model)
@@ -36,6 +37,7 @@ def film(
     for run in range(runs):
         mujoco.mj_resetData(model, data)
         data.qpos[:] = [rng.uniform(*joint.start_range) for joint in declared.joints]
+        data.qvel[:] = qvel or 0.0
         images, positions = [], []
         for _ in range(frames):
             mujoco.mj_kinematics(model, data)
