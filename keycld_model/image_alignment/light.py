@@ -9,7 +9,8 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 DIMMEST = 0.05
 """A camera shows contrasts at least this much of what is drawn; below, a colour tells nothing."""
-
+WHITE = 255.0
+"""Grey levels."""
 PIXELS = 5_000
 """More pixels tell no more."""
 
@@ -60,5 +61,5 @@ class Light:
         return cls(gain, offset)
 
     def apply(self, drawn: Image) -> Image:
-        """What the camera shows of a drawn image `[..., 3]`."""
-        return (drawn * self.gain + self.offset).astype(np.float32)
+        """What the camera shows of a drawn image `[..., 3]`, from black to white."""
+        return np.clip(drawn * self.gain + self.offset, 0.0, WHITE).astype(np.float32)

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.ndimage import binary_dilation
 from scipy.special import huber
+from scipy.stats import norm
 
-from keycld_model.image_alignment.light import Light
+from keycld_model.image_alignment.light import WHITE, Light
 from keycld_model.image_alignment.look import CAMERA, PARALLAX, view_of
 from keycld_model.image_alignment.scene import STEP, Scene, softened
 from keycld_model.image_alignment.simplex import least_near
@@ -28,6 +29,8 @@ RESTLESS = 1.5
 """A pixel has moved if its standard deviation over time is that of the noise so many times, and a grey level more."""
 AROUND = 2
 """Pixels around those that have moved that are left out, too: blur carries motion there."""
+CLIPPED = 0.5
+"""Standard deviations of noise beyond black or white, up to which what is cut off can be told from the mean."""
 LEAST_STILL = 0.2
 """Share of the pixels that must be still."""
 FLAT = 1.0
@@ -81,13 +84,15 @@ class Surroundings:
     """What recordings show where nothing moves.
 
     Attributes:
-        mean: of each recording, `[H, W, 3]` of its frames, 0 to 255.
-        noise: of each recording, variance of the noise in this mean, squares of grey levels.
+        mean: of each recording, `[H, W, 3]` of its frames as if no noise were cut off at black and white, grey levels.
+        noise: of each recording, standard deviation of the noise in a frame, grey levels.
+        frames: of each recording, how many there are.
         still: `[H, W]` where nothing moves in any of them.
     """
 
     mean: tuple[Image, ...]
     noise: tuple[float, ...]
+    frames: tuple[int, ...]
     still: NDArray[np.bool_]
 
     @classmethod
@@ -95,13 +100,13 @@ class Surroundings:
         """Of recordings' frames `[T, H, W, 3]`."""
         means, noise, moved = [], [], np.zeros(films[0].shape[1:3], bool)
         for frames in films:
-            means.append(frames.mean(axis=0, dtype=np.float32))
             some = frames[:: max(1, len(frames) // SAMPLED)]  # all as real numbers may be gigabytes
             spread = some.std(axis=0, dtype=np.float32).max(axis=-1)
             usual = float(np.median(spread))
-            noise.append(usual**2 / len(frames))
+            noise.append(usual)
+            means.append(unclipped(frames.mean(axis=0, dtype=np.float32), usual))
             moved |= spread > RESTLESS * usual + 1
-        return cls(tuple(means), tuple(noise), ~_widened(moved))
+        return cls(tuple(means), tuple(noise), tuple(map(len, films)), ~_widened(moved))
 
     def camera(self, scene: Scene, look: Array, drawn_at: Sequence[Array], loose: Array | None = None) -> Told | None:
         """The look with the camera and the blur with which still pixels are drawn as they are seen.
@@ -119,13 +124,15 @@ class Surroundings:
         drawn = np.stack([scene.render(q, look) for q in drawn_at])
         moved = (drawn.max(axis=0) - drawn.min(axis=0)).max(axis=-1) > 1
         still = self.still & ~_widened(moved)
+        lights = [Light.of(drawn.mean(axis=0)[still], mean[still]) for mean in self.mean]
+        still &= ~self._black_or_white(drawn.mean(axis=0), lights)
         if still.mean() < LEAST_STILL:
             return None
         usual = drawn.mean(axis=0)[still]
-        lights = [Light.of(usual, mean[still]) for mean in self.mean]
         seen = [(mean - light.offset) / light.gain for mean, light in zip(self.mean, lights, strict=True)]
         shown = np.asarray(np.mean(seen, axis=0), np.float32)
-        noise = np.mean([n / np.mean(light.gain) ** 2 for n, light in zip(self.noise, lights, strict=True)])
+        of_mean = [n**2 / count for n, count in zip(self.noise, self.frames, strict=True)]
+        noise = np.mean([n / np.mean(light.gain) ** 2 for n, light in zip(of_mean, lights, strict=True)])
         if (visible := _misfit(np.zeros_like(usual), shown[still])) < FLAT:
             return None
         steps = _searched(scene.look_steps(), loose)
@@ -143,6 +150,36 @@ class Surroundings:
         if not exact and left > MARKS * visible:
             return None
         return Told(best, _loose(scene, best, drawn_at[0], still), exact)
+
+    def _black_or_white(self, drawn: Image, lights: Sequence[Light]) -> NDArray[np.bool_]:
+        """Pixels `[H, W]` that are black or white, however much darker or brighter what they show is."""
+        out = np.zeros(drawn.shape[:2], bool)
+        for mean, noise, light in zip(self.mean, self.noise, lights, strict=True):
+            beyond = 1 + CLIPPED * noise
+            seen = drawn * light.gain + light.offset
+            out |= ((np.minimum(mean, seen) < -beyond) | (np.maximum(mean, seen) > WHITE + beyond)).any(axis=-1)
+        return out
+
+
+def unclipped(mean: Image, noise: float) -> Image:
+    """What pixels show, told from their mean over frames whose noise was cut off at black and white.
+
+    The mean of a normal variable that is cut off at zero, in standard deviations, is φ(z) + z Φ(z) (Tobin, 1958).
+
+    Args:
+        mean: of frames, 0 to 255.
+        noise: standard deviation of a frame's, grey levels.
+
+    Returns:
+        As far as that can be told: twice `CLIPPED` standard deviations beyond black and white at most.
+    """
+    z = np.linspace(-2 * CLIPPED, 4.0, 200)
+    cut_off = noise * (norm.pdf(z) + z * norm.cdf(z))
+
+    def restored(level: Image) -> Image:
+        return np.where(level < 4.0 * noise, np.interp(level, cut_off, noise * z), level).astype(np.float32)
+
+    return WHITE - restored(WHITE - restored(mean))
 
 
 def _loose(scene: Scene, look: Array, q: Array, still: NDArray[np.bool_]) -> Array:

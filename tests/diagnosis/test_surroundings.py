@@ -13,7 +13,7 @@ from keycld_model.image_alignment.chroma import HalvedChroma
 from keycld_model.image_alignment.fit_look import fit_look
 from keycld_model.image_alignment.look import view_of
 from keycld_model.image_alignment.scene import STEP, Scene
-from keycld_model.image_alignment.surroundings import Surroundings, Told, _far_in_place
+from keycld_model.image_alignment.surroundings import Surroundings, Told, _far_in_place, unclipped
 
 TRUE = np.array([2.37, -1.24, -0.0056, -0.0089, 0.0459, 0.021, -0.034, 0.02, -0.015, 0.01, 0.0, 0.0])
 """Ten numbers of a view of the cartpole, the length of its pole, and no blur."""
@@ -44,6 +44,34 @@ def test_still_pixels_tell_the_camera_far_better_than_a_step_of_a_drawing(filmed
     assert pixels.max() < 0.01
     assert told.look[10] == 0.0  # links move
     assert not len(told.loose)
+
+
+@pytest.mark.render
+def test_a_camera_that_cuts_off_what_is_dark_is_told_as_well():
+    """A tenth of the pixels are black in some frames or all, so that their mean is brighter than what they show."""
+    rng = np.random.default_rng(0)
+    right, up, zoom, aspect, *others = TRUE[:10]
+    view = View(right, up, float(np.exp(zoom)), float(np.exp(aspect)), *others, distance=6.0)
+
+    def develop(image):
+        noisy = image * np.array([1.18, 0.94, 1.1]) - 35 + rng.normal(0, 5, image.shape)
+        return np.clip(noisy, 0, 255).round().astype(np.uint8)
+
+    runs, truth = film("cartpole", runs=2, frames=30, view=view, develop=develop)
+    films = [np.asarray(run.frames) for run in runs]
+    assert np.mean(films[0] == 0) > 0.05
+    with Scene(get_system("cartpole").compile(), "fixed", (64, 64), "fast") as scene:
+        told = Surroundings.of(films).camera(scene, TRUE + OFF, [q for positions in truth for q in positions[::10]])
+        assert told is not None and told.exact
+        pixels = 0.7 * np.abs((told.look - TRUE) / scene.look_steps())[:10]
+    assert pixels.max() < 0.01
+
+
+@pytest.mark.parametrize("shown", [-2.0, 0.0, 3.0, 10.0, 100.0, 250.0, 256.0])
+def test_what_is_cut_off_at_black_and_white_is_told_from_the_mean(shown):
+    frames = np.clip(np.round(shown + np.random.default_rng(0).normal(0, 6, 20_000)), 0, 255)
+    told = unclipped(np.array([frames.mean()], np.float32), 6.0)
+    assert told == pytest.approx(shown, abs=0.2)
 
 
 @pytest.mark.render
