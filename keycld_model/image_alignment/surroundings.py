@@ -51,11 +51,11 @@ ROUNDED = 1 / 12
 """Variance of rounding to whole grey levels."""
 OUTLIER = 3.0
 """Grey levels beyond which a difference counts linearly: what passed by is left in a mean."""
-REACHES = ((1.5, 1.0), (0.0, 0.3))
-"""Of populations, one after the other: pixels by which images are softened, and the standard deviation of the first
-looks, in steps of finite differences: .7 pixels, then .2."""
-POPULATION = 36
-"""Looks of a generation: three times what is usual for eleven numbers, for the misfit is rough."""
+REACHES = ((1.5, 1.0, 72), (0.0, 0.3, 36))
+"""Of populations, one after the other: pixels by which images are softened; the standard deviation of the first looks,
+in steps of finite differences: .7 pixels, then .2; and the number of looks of a generation, six and three times what is
+usual for eleven numbers, for the misfit is rough: of 36, three of eight populations ended far from the camera of a
+cartpole, of 72 none (docs/notebook/2026-11-30-fast-and-dark-films.md)."""
 GENERATIONS = 80
 """Of a population."""
 POLISH = (0.3, -0.15)
@@ -142,8 +142,8 @@ class Surroundings:
             there = of_still(shown)
             return lambda look: _misfit(of_still(scene.render(drawn_at[0], look)), there)
 
-        for soft, reach in REACHES if loose is None else ():
-            look = _roughly(misfit(soft), look, steps, reach)
+        for soft, reach, looks in REACHES if loose is None else ():
+            look = _roughly(misfit(soft), look, steps, reach, looks)
         sharp = misfit(0.0)
         best, left = _polished(sharp, look, steps)
         exact = bool(left < NOISE * (noise / len(lights) + ROUNDED))
@@ -230,15 +230,15 @@ def _moved(look: Array, z: Array, steps: Array) -> Array:
     return np.append(there[:-1], max(0.0, there[-1]))
 
 
-def _roughly(misfit: Callable[[Array], float], look: Array, steps: Array, reach: float) -> Array:
+def _roughly(misfit: Callable[[Array], float], look: Array, steps: Array, reach: float, looks: int) -> Array:
     """A look `[p]` with a small misfit, near another, or that one.
 
     There are steps in the misfit, so that methods that go downhill end beside the least one; a population does not
     (CMA-ES; Hansen and Ostermeier, 2001).
     """
-    population = CMA(np.zeros(len(steps)), reach, population_size=POPULATION, seed=0)
+    population = CMA(np.zeros(len(steps)), reach, population_size=looks, seed=0)
     for _ in range(GENERATIONS):
-        some = [population.ask() for _ in range(POPULATION)]
+        some = [population.ask() for _ in range(looks)]
         population.tell([(z, misfit(_moved(look, z, steps))) for z in some])
     return min((look, _moved(look, population.mean, steps)), key=misfit)
 
