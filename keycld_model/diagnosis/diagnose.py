@@ -196,7 +196,8 @@ def _report(
     tested = HeldOut.of(test, refitted)
     before = tested.short(refitted)
     judged = _judged(explained, tested, before, dropped, budget, advance)
-    if judged.concluded.unknown and (weak := explained.of_weak_effect) is not None:
+    weak = explained.of_weak_effect if judged.concluded.unknown else None
+    if weak is not None and not budget.leaves_out("an effect in place of the unknown force"):
         again = _judged(weak, tested, before, dropped, budget, lambda *args: None)
         judged = judged if again.concluded.unknown else again
     explained, named, left = judged.explained, judged.named, judged.left

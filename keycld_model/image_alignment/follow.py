@@ -48,7 +48,7 @@ def follow(
     """
     still, turn = light.apply(bank.still), turning(scene.model)
     poses: list[Pose] = []
-    misfits: list[tuple[float, float]] = []
+    seen: list[Pose] = []
     for k, raw in enumerate(frames):
         frame = raw.astype(np.float32)
         if poses and nothing_moves(frame, still):
@@ -56,12 +56,12 @@ def follow(
             continue
         guess = _continued(times[: k + 1], poses)
         pose = None if guess is None else align(scene, look, light, frame, still, guess, near=True)
-        if pose is None or k < 2 or pose.explained < UNSEEN or _unusual(pose, misfits[-50:]):
+        if pose is None or k < 2 or pose.explained < UNSEEN or _unusual(pose, seen[-50:]):
             other = find_pose(scene, look, light, frame, bank, still)
             pose = other if pose is None or other.explained > pose.explained + 0.02 else pose
         near = guess if guess is not None else np.zeros_like(pose.q)
-        poses.append(replace(pose, q=nearest_turn(pose.q, near, turn)))
-        misfits.append((pose.misfit, 1 - pose.explained))
+        seen.append(replace(pose, q=nearest_turn(pose.q, near, turn)))
+        poses.append(seen[-1])
     return poses
 
 
@@ -70,10 +70,10 @@ def turning(model: mujoco.MjModel) -> NDArray[np.bool_]:
     return (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & ~model.jnt_limited.astype(bool)
 
 
-def _unusual(pose: Pose, before: Sequence[tuple[float, float]]) -> bool:
+def _unusual(pose: Pose, before: Sequence[Pose]) -> bool:
     """Whether it leaves far more of pixels, grey levels, or of what moves, a share, than those before."""
-    misfit, left = np.median(before, axis=0)
-    return pose.misfit > WORSE * misfit or 1 - pose.explained > max(LEFT, WORSE * left)
+    misfit, explained = np.median([(other.misfit, other.explained) for other in before], axis=0)
+    return pose.misfit > WORSE * misfit or 1 - pose.explained > max(LEFT, WORSE * (1 - explained))
 
 
 def _continued(times: Array, poses: Sequence[Pose]) -> Array | None:

@@ -27,12 +27,12 @@ CLOSE = 0.03
 """A step of so many steps of finite differences (.02 pixels) needs no other."""
 LOST = 0.5
 """After a last step of more than so many (.35 pixels) a pose is looked for from farther away."""
-ASTRAY = 1.5
+NEARBY = 1.5
 """And from where so many steps (1 pixel) have led elsewhere: differences are not linear over as far."""
 FINE = 0.3
 """Share of a step of finite differences (.2 pixels) for the last steps: shorter than the width of an edge."""
-AGAIN = 4
-"""Times that the last steps are taken, at most, until they lead no farther than one difference."""
+AGAIN = 3
+"""Times that the last steps are taken again, at most, until they lead no farther than one difference."""
 ROUNDS = 4
 """Steps with one Jacobian, at most."""
 TRUSTED = 0.5
@@ -96,18 +96,20 @@ def align(scene: Scene, look: Array, light: Light, frame: Image, still: Image, s
             come first.
     """
     fit = _Fit(scene, look, light, frame)
-    if not near or fit.converge(start, 0.0) >= LOST or fit.moved(start) >= ASTRAY:
+    if not near or fit.converge(start, 0.0) >= LOST or fit.moved(start) >= NEARBY:
         q = start
         for soft in SOFT:
             fit.converge(q, soft)
             q = fit.q
         fit.converge(q, 0.0)
-    for left in reversed(range(AGAIN)):
+    for _ in range(AGAIN):
         q = fit.q
         fit.converge(q, 0.0, FINE)
-        if not left or fit.moved(q) < FINE:
+        if fit.moved(q) < FINE:
             break
         fit.converge(fit.q, 0.0)
+    else:
+        fit.converge(fit.q, 0.0, FINE)
     return fit.pose(still)
 
 

@@ -30,7 +30,8 @@ RESTLESS = 1.5
 AROUND = 2
 """Pixels around those that have moved that are left out, too: blur carries motion there."""
 CLIPPED = 0.5
-"""Standard deviations of noise beyond black or white, up to which what is cut off can be told from the mean."""
+"""Standard deviations of noise, and a grey level, beyond black or white, up to which what is cut off is told from the
+mean: of what is darker by more, less than a fifth of a standard deviation is left in it."""
 LEAST_STILL = 0.2
 """Share of the pixels that must be still."""
 FLAT = 1.0
@@ -123,17 +124,18 @@ class Surroundings:
         """
         drawn = np.stack([scene.render(q, look) for q in drawn_at])
         moved = (drawn.max(axis=0) - drawn.min(axis=0)).max(axis=-1) > 1
-        still = self.still & ~_widened(moved)
-        lights = [Light.of(drawn.mean(axis=0)[still], mean[still]) for mean in self.mean]
-        still &= ~self._black_or_white(drawn.mean(axis=0), lights)
+        still, usual = self.still & ~_widened(moved), drawn.mean(axis=0)
         if still.mean() < LEAST_STILL:
             return None
-        usual = drawn.mean(axis=0)[still]
+        lights = [Light.of(usual[still], mean[still]) for mean in self.mean]
+        still &= ~self._black_or_white(usual, lights)
+        if still.mean() < LEAST_STILL:
+            return None
         seen = [(mean - light.offset) / light.gain for mean, light in zip(self.mean, lights, strict=True)]
         shown = np.asarray(np.mean(seen, axis=0), np.float32)
         of_mean = [n**2 / count for n, count in zip(self.noise, self.frames, strict=True)]
         noise = np.mean([n / np.mean(light.gain) ** 2 for n, light in zip(of_mean, lights, strict=True)])
-        if (visible := _misfit(np.zeros_like(usual), shown[still])) < FLAT:
+        if (visible := _misfit(np.zeros_like(usual[still]), shown[still])) < FLAT:
             return None
         steps = _searched(scene.look_steps(), loose)
 
@@ -177,7 +179,7 @@ def unclipped(mean: Image, noise: float) -> Image:
     cut_off = noise * (norm.pdf(z) + z * norm.cdf(z))
 
     def restored(level: Image) -> Image:
-        return np.where(level < 4.0 * noise, np.interp(level, cut_off, noise * z), level).astype(np.float32)
+        return np.where(level < noise * z[-1], np.interp(level, cut_off, noise * z), level).astype(np.float32)
 
     return WHITE - restored(WHITE - restored(mean))
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from films import film, jpeg
+from numpy.typing import NDArray
 
 from keycld_envs.rendering import View
 from keycld_envs.systems import get_system
@@ -20,18 +21,23 @@ TRUE = np.array([2.37, -1.24, -0.0056, -0.0089, 0.0459, 0.021, -0.034, 0.02, -0.
 OFF = np.array([-0.11, -0.03, -0.001, 0.0043, 0.0003, -0.01, 0.007, 0.002, -0.002, 0.005, 0.0, 0.0])
 
 
-@pytest.fixture(scope="module")
-def filmed():
+def filmed_with(offset: float) -> tuple[list[NDArray[np.uint8]], list[NDArray[np.float64]]]:
+    """Frames of a cartpole in a light with an offset, and where it is in some of them."""
     rng = np.random.default_rng(0)
     right, up, zoom, aspect, *others = TRUE[:10]
     view = View(right, up, float(np.exp(zoom)), float(np.exp(aspect)), *others, distance=6.0)
 
     def develop(image):
-        noisy = image * np.array([1.18, 0.94, 1.1]) - 7 + rng.normal(0, 5, image.shape)
+        noisy = image * np.array([1.18, 0.94, 1.1]) + offset + rng.normal(0, 5, image.shape)
         return np.clip(noisy, 0, 255).round().astype(np.uint8)
 
     runs, truth = film("cartpole", runs=2, frames=30, view=view, develop=develop)
-    return [run.frames for run in runs], [q for positions in truth for q in positions[::10]]
+    return [np.asarray(run.frames) for run in runs], [q for positions in truth for q in positions[::10]]
+
+
+@pytest.fixture(scope="module")
+def filmed():
+    return filmed_with(-7.0)
 
 
 @pytest.mark.render
@@ -49,19 +55,10 @@ def test_still_pixels_tell_the_camera_far_better_than_a_step_of_a_drawing(filmed
 @pytest.mark.render
 def test_a_camera_that_cuts_off_what_is_dark_is_told_as_well():
     """A tenth of the pixels are black in some frames or all, so that their mean is brighter than what they show."""
-    rng = np.random.default_rng(0)
-    right, up, zoom, aspect, *others = TRUE[:10]
-    view = View(right, up, float(np.exp(zoom)), float(np.exp(aspect)), *others, distance=6.0)
-
-    def develop(image):
-        noisy = image * np.array([1.18, 0.94, 1.1]) - 35 + rng.normal(0, 5, image.shape)
-        return np.clip(noisy, 0, 255).round().astype(np.uint8)
-
-    runs, truth = film("cartpole", runs=2, frames=30, view=view, develop=develop)
-    films = [np.asarray(run.frames) for run in runs]
+    films, positions = filmed_with(-35.0)
     assert np.mean(films[0] == 0) > 0.05
     with Scene(get_system("cartpole").compile(), "fixed", (64, 64), "fast") as scene:
-        told = Surroundings.of(films).camera(scene, TRUE + OFF, [q for positions in truth for q in positions[::10]])
+        told = Surroundings.of(films).camera(scene, TRUE + OFF, positions)
         assert told is not None and told.exact
         pixels = 0.7 * np.abs((told.look - TRUE) / scene.look_steps())[:10]
     assert pixels.max() < 0.01
