@@ -7,8 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from keycld_control.benchmarks.blind.case import HELD_OUT, TRAINING
+from keycld_control.benchmarks.blind.case import HELD_OUT, TRAINING, draw_case
 from keycld_control.benchmarks.blind.film import SIZE, UNSEEN, Film, Studio, lengthen
+from keycld_control.benchmarks.blind.grade import gain
 from keycld_control.benchmarks.blind.make import Settings, make
 from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors
 from keycld_envs.recordings import read_dataset
@@ -70,6 +71,29 @@ def test_what_is_out_of_view_is_not_known():
     with Studio("cartpole", ParameterErrors({}, {})) as studio:
         away = studio.reading_deviation(np.array([[20.0, 0.0]] * 3), film, np.random.default_rng(0))
     assert (away == UNSEEN).all()
+
+
+@pytest.mark.render
+def test_a_part_counts_as_seen_where_the_camera_shows_it():
+    """Where the middle of the cart is in the image, by geometry, its frame is not the empty one."""
+    cart = np.linspace(-4.0, 4.0, 81)
+    positions, rng = np.stack([cart, np.full_like(cart, np.pi)], axis=1), np.random.default_rng(0)
+    film = replace(Film.draw(np.random.default_rng(1)), noise=0.0, jpeg=None, right=5.0, roll=0.1, nearer=0.1)
+    with Studio("cartpole", ParameterErrors({}, {})) as studio:
+        shown = studio.in_image(positions, film)
+        empty, frames = studio.shoot(np.array([[20.0, np.pi]]), film, rng), studio.shoot(positions, film, rng)
+    drawn = (np.abs(frames.astype(int) - empty.astype(int)).max(axis=-1) > 8).sum(axis=(1, 2))
+    assert shown.any() and not shown.all()
+    assert drawn[shown].min() > 0.45 * drawn.max()
+    assert drawn[~shown].max() < 0.75 * drawn.max()
+
+
+def test_what_the_camera_does_not_show_is_not_graded():
+    """A late sensor in a recording that is driven out of the image, and is seen in one window of five."""
+    case, signals = draw_case(Settings(30113001, 43, "pixels", ("null", "one")).plans[23], (30113001, 1, 23), True)
+    assert case.mechanisms[0].id == "sensor_latency"
+    noise = np.array([0.0033, 0.0039])
+    assert gain(case, signals, noise) < 0.3 * gain(replace(case, film=None), signals, noise)
 
 
 def test_a_third_of_the_films_look_otherwise():

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors
 from keycld_envs.disturbance import Disturbance
+from keycld_envs.projection import focal_length, world_to_image
 from keycld_envs.rendering import Renderer, View
 from keycld_envs.systems import get_system
 
@@ -85,17 +86,72 @@ def _gain(light: float, spread: float, rng: np.random.Generator) -> tuple[float,
     return red, green, blue
 
 
-class Studio:
-    """Films one system, whose links are as long as they are."""
+class Stage:
+    """One system as a camera has it before it, its links as long as they are."""
 
     def __init__(self, system: str, errors: ParameterErrors) -> None:
-        """Opens OpenGL."""
+        """In its zero position."""
         declared = get_system(system)
         self._camera, self._model = declared.camera, declared.compile()
         lengthen(self._model, errors)
         self._data = mujoco.MjData(self._model)
-        self._renderer = Renderer(self._model, SIZE, SIZE, "fast")
         self._distance = self._depth()
+
+    def in_image(self, positions: Array, film: Film) -> NDArray[np.bool_]:
+        """Whether the middle of every part is inside the image, at positions `[T, nv]`: `[T]`."""
+        half, view, out = SIZE / 2, film.seen_from(self._distance), []
+        for q in positions:
+            self._place(q)
+            right, up = (
+                half
+                * world_to_image(
+                    self._model, self._data, self._data.geom_xpos[self._moving], self._camera, SIZE, SIZE
+                ).T
+            )
+            x, y = view.place(right, up, focal_length(self._model, self._camera, SIZE))
+            out.append(bool((np.maximum(np.abs(x), np.abs(y)) < half).all()))
+        return np.array(out)
+
+    @property
+    def _moving(self) -> NDArray[np.intp]:
+        """Indices of the geoms that move."""
+        return np.flatnonzero(self._model.body_weldid[self._model.geom_bodyid] > 0)
+
+    def _pixels_per_unit(self, q: Array) -> Array:
+        """By how many pixels each joint moves what it moves most, per rad or m `[nv]`."""
+        camera, there = self._model.camera(self._camera), self._ends(q)
+        focal = SIZE / 2 / np.tan(np.radians(camera.fovy[0]) / 2)
+        depth = np.linalg.norm(self._data.cam_xpos[camera.id] - there, axis=-1)
+        moved = [np.linalg.norm(self._ends(q + STEP * e) - there, axis=-1) for e in np.eye(len(q))]
+        return np.array([focal * (m / depth).max() / STEP for m in moved])
+
+    def _depth(self) -> float:
+        """Of the links from the camera, on average and along its axis, m."""
+        self._place(np.zeros(self._model.nq))
+        camera = self._model.camera(self._camera).id
+        backward = self._data.cam_xmat[camera].reshape(3, 3)[:, 2]
+        links = self._data.geom_xpos[self._moving]
+        return float(np.mean((self._data.cam_xpos[camera] - links) @ backward))
+
+    def _ends(self, q: Array) -> Array:
+        """Both ends `[2, G, 3]` of the axes of all geoms, m."""
+        self._place(q)
+        half = self._data.geom_xmat.reshape(-1, 3, 3)[:, :, 2] * self._model.geom_size[:, 1:2]
+        return np.stack([self._data.geom_xpos - half, self._data.geom_xpos + half])
+
+    def _place(self, q: Array) -> None:
+        self._data.qpos[:] = q
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+
+
+class Studio(Stage):
+    """Films it."""
+
+    def __init__(self, system: str, errors: ParameterErrors) -> None:
+        """Opens OpenGL."""
+        super().__init__(system, errors)
+        self._renderer = Renderer(self._model, SIZE, SIZE, "fast")
 
     def __enter__(self) -> "Studio":
         return self
@@ -138,33 +194,6 @@ class Studio:
             drawn = DRAWN / self._pixels_per_unit(q)
             bounds.append(np.sqrt(variance * np.diag(np.linalg.pinv(slopes @ slopes.T)) + drawn**2))
         return np.median(bounds, axis=0)
-
-    def _pixels_per_unit(self, q: Array) -> Array:
-        """By how many pixels each joint moves what it moves most, per rad or m `[nv]`."""
-        camera, there = self._model.camera(self._camera), self._ends(q)
-        focal = SIZE / 2 / np.tan(np.radians(camera.fovy[0]) / 2)
-        depth = np.linalg.norm(self._data.cam_xpos[camera.id] - there, axis=-1)
-        moved = [np.linalg.norm(self._ends(q + STEP * e) - there, axis=-1) for e in np.eye(len(q))]
-        return np.array([focal * (m / depth).max() / STEP for m in moved])
-
-    def _depth(self) -> float:
-        """Of the links from the camera, on average and along its axis, m."""
-        self._place(np.zeros(self._model.nq))
-        camera = self._model.camera(self._camera).id
-        backward = self._data.cam_xmat[camera].reshape(3, 3)[:, 2]
-        links = self._data.geom_xpos[self._model.body_weldid[self._model.geom_bodyid] > 0]
-        return float(np.mean((self._data.cam_xpos[camera] - links) @ backward))
-
-    def _ends(self, q: Array) -> Array:
-        """Both ends `[2, G, 3]` of the axes of all geoms, m."""
-        self._place(q)
-        half = self._data.geom_xmat.reshape(-1, 3, 3)[:, :, 2] * self._model.geom_size[:, 1:2]
-        return np.stack([self._data.geom_xpos - half, self._data.geom_xpos + half])
-
-    def _place(self, q: Array) -> None:
-        self._data.qpos[:] = q
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
 
 
 def lengthen(model: mujoco.MjModel, errors: ParameterErrors) -> None:

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from keycld_control.benchmarks.blind.case import TRAINING, SealedCase, Signals, recording
+from keycld_control.benchmarks.blind.film import Stage
 from keycld_control.benchmarks.blind.mechanism import Array
 from keycld_control.benchmarks.refitting import JointPositions, Problem, Simulator, at_most, refit, windowed
 from keycld_model.diagnosis import Source
@@ -45,10 +46,18 @@ def gain(case: SealedCase, signals: Sequence[Signals], noise: Array) -> float:
 
 
 def noiseless(case: SealedCase, signals: Sequence[Signals], noise: Array) -> Problem:
-    """True positions of recordings, cut into windows and weighed as if they had a noise of `[nv]` rad or m."""
+    """True positions of recordings, cut into windows and weighed as if they had a noise of `[nv]` rad or m.
+
+    Of filmed ones, those alone at which the mechanism is in the image.
+    """
     simulator = _simulator(case.plan.system, 1 / case.rate / np.ceil(1 / case.rate / (STEP + 1e-4)))
-    exact = [replace(s, noise=np.broadcast_to(case.zero, s.true.shape)) for s in signals]
-    clean = [recording(case, run, s) for run, s in enumerate(exact)]
+    stage = None if case.film is None else Stage(case.plan.system, case.errors)
+    clean = []
+    for run, s in enumerate(signals):
+        exact = np.broadcast_to(case.zero, s.true.shape)
+        if stage is not None and case.film is not None:
+            exact = np.where(stage.in_image(s.true, case.film)[:, None], exact, np.nan)
+        clean.append(recording(case, run, replace(s, noise=exact)))
     return windowed(simulator, clean, JointPositions(simulator.model, noise))
 
 
