@@ -36,6 +36,10 @@ LONGEST = 2.0
 """Standard deviations expected of a parameter that a step changes it by at most."""
 TRIED = 4
 """Positions of the bank from which a pose without a predecessor is fitted."""
+MARKED = 2.4
+"""Times that looks are farther off than frames seem to tell, where compression leaves marks on what is still: root mean
+square of five films, .8 of eight without such marks (docs/notebook/2026-11-30-marks-and-bristles.md). A drawing then
+fits alike a tenth of a pixel away."""
 UNSEEN = 0.3
 """Frames of whose motion a pose explains a smaller share tell nothing of the look."""
 
@@ -143,6 +147,8 @@ def fit_look(
         if loose is None and doubtful is not None:
             other, less = _polished(scene, _from_camera(scene, state, doubtful), doubtful.loose)
             state = other if less < left else state
+        if surroundings.marked(scene, state.values, [s.pose.q for s in state.samples]):
+            state = state._replace(deviation=MARKED * state.deviation)
     of_each = [[s.pose for s in state.samples if s.recording == r] for r in range(len(stills))]
     best = tuple(max(poses, key=lambda pose: pose.explained) for poses in of_each)
     return Look(state.values, state.deviation, tuple(_lights(scene, state)), state.bank, best)

@@ -80,6 +80,26 @@ class Told(NamedTuple):
     exact: bool
 
 
+class _StillPixels(NamedTuple):
+    """What several recordings have in common, in the light of the drawing.
+
+    Attributes:
+        where: `[H, W]` they are.
+        shown: `[H, W, 3]` the mean of the recordings.
+        noise: the most that noise leaves of them, squares of grey levels.
+    """
+
+    where: NDArray[np.bool_]
+    shown: Image
+    noise: float
+
+    @property
+    def visible(self) -> float:
+        """Misfit of one colour to them, squares of grey levels."""
+        shown = self.shown[self.where]
+        return _misfit(np.zeros_like(shown), shown)
+
+
 @dataclass(frozen=True)
 class Surroundings:
     """What recordings show where nothing moves.
@@ -122,6 +142,35 @@ class Surroundings:
         Returns:
             None where too little is still, or it is not the simulator's.
         """
+        pixels = self._still_pixels(scene, look, drawn_at)
+        if pixels is None or (visible := pixels.visible) < FLAT:
+            return None
+        steps = _searched(scene.look_steps(), loose)
+
+        def misfit(soft: float) -> Callable[[Array], float]:
+            of_still = _among(pixels.where, soft)
+            there = of_still(pixels.shown)
+            return lambda look: _misfit(of_still(scene.render(drawn_at[0], look)), there)
+
+        for soft, reach, looks in REACHES if loose is None else ():
+            look = _roughly(misfit(soft), look, steps, reach, looks)
+        sharp = misfit(0.0)
+        best, left = _polished(sharp, look, steps)
+        exact = left < pixels.noise
+        if not exact and left > MARKS * visible:
+            return None
+        return Told(best, _loose(scene, best, drawn_at[0], pixels.where), exact)
+
+    def marked(self, scene: Scene, look: Array, drawn_at: Sequence[Array]) -> bool:
+        """Whether a drawing with a look leaves more of still pixels than noise, see `camera`."""
+        pixels = self._still_pixels(scene, look, drawn_at)
+        if pixels is None:
+            return False
+        drawn = scene.render(drawn_at[0], look)[pixels.where]
+        return _misfit(drawn, pixels.shown[pixels.where]) >= pixels.noise
+
+    def _still_pixels(self, scene: Scene, look: Array, drawn_at: Sequence[Array]) -> "_StillPixels | None":
+        """What the recordings have in common; None where too little is still."""
         drawn = np.stack([scene.render(q, look) for q in drawn_at])
         moved = (drawn.max(axis=0) - drawn.min(axis=0)).max(axis=-1) > 1
         still, usual = self.still & ~_widened(moved), drawn.mean(axis=0)
@@ -132,26 +181,10 @@ class Surroundings:
         if still.mean() < LEAST_STILL:
             return None
         seen = [(mean - light.offset) / light.gain for mean, light in zip(self.mean, lights, strict=True)]
-        shown = np.asarray(np.mean(seen, axis=0), np.float32)
         of_mean = [n**2 / count for n, count in zip(self.noise, self.frames, strict=True)]
         noise = np.mean([n / np.mean(light.gain) ** 2 for n, light in zip(of_mean, lights, strict=True)])
-        if (visible := _misfit(np.zeros_like(usual[still]), shown[still])) < FLAT:
-            return None
-        steps = _searched(scene.look_steps(), loose)
-
-        def misfit(soft: float) -> Callable[[Array], float]:
-            of_still = _among(still, soft)
-            there = of_still(shown)
-            return lambda look: _misfit(of_still(scene.render(drawn_at[0], look)), there)
-
-        for soft, reach, looks in REACHES if loose is None else ():
-            look = _roughly(misfit(soft), look, steps, reach, looks)
-        sharp = misfit(0.0)
-        best, left = _polished(sharp, look, steps)
-        exact = bool(left < NOISE * (noise / len(lights) + ROUNDED))
-        if not exact and left > MARKS * visible:
-            return None
-        return Told(best, _loose(scene, best, drawn_at[0], still), exact)
+        shown = np.asarray(np.mean(seen, axis=0), np.float32)
+        return _StillPixels(still, shown, NOISE * (float(noise) / len(lights) + ROUNDED))
 
     def _black_or_white(self, drawn: Image, lights: Sequence[Light]) -> NDArray[np.bool_]:
         """Pixels `[H, W]` that are black or white, however much darker or brighter what they show is."""

@@ -223,6 +223,16 @@ def test_bristles_hold_like_a_spring_and_slide_like_dry_friction():
     assert slid[0] == pytest.approx(-0.3, rel=1e-3)
 
 
+def test_bristles_that_hold_far_more_at_rest_do_not_begin_there():
+    """Which recordings that are never slow do not contradict: they would be bent by 150 rad."""
+    model = SYSTEMS["pendulum"].compile()
+    friction = HystereticFriction("hinge", c=0.3, extra=150.0, s=1.0, vs=0.02)
+    speeds = np.array([[1e-3], [-1e-3], [2.0]])
+    assert friction.begin(model, speeds).ravel() == pytest.approx([0.3, -0.3, 0.3])
+    (compiled,) = friction.begin_compiled(speeds[:, 0])
+    assert np.asarray(compiled) == pytest.approx([0.3, -0.3, 0.3])
+
+
 def test_inside_the_gap_nothing_reaches_the_joint():
     model = SYSTEMS["pendulum"].compile()
     free = swing(model, [Backlash("torque", j=0.01, g=0.5)], 0.3 + np.pi, 0.0, 0.05, u=1.0)

@@ -11,7 +11,7 @@ from keycld_envs.rendering import View
 from keycld_envs.systems import get_system
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.chroma import HalvedChroma
-from keycld_model.image_alignment.fit_look import fit_look
+from keycld_model.image_alignment.fit_look import MARKED, fit_look
 from keycld_model.image_alignment.look import view_of
 from keycld_model.image_alignment.scene import STEP, Scene
 from keycld_model.image_alignment.surroundings import Surroundings, Told, _far_in_place, unclipped
@@ -162,3 +162,22 @@ def test_such_a_camera_is_kept_if_it_leaves_less_of_the_frames(compressed, monke
         look = fit_look(scene, stills, frames, Bank(scene, scene.nominal), Surroundings.of(films))
     kept = look.values[:10] == pytest.approx(off[:10], abs=1e-9)
     assert kept == (pixels == 0.0)
+
+
+@pytest.mark.render
+def test_looks_are_less_certain_where_compression_leaves_marks_on_what_is_still(filmed, compressed, monkeypatch):
+    with Scene(get_system("cartpole").compile(), "fixed", (64, 64), "fast") as scene:
+        assert not Surroundings.of(filmed[0]).marked(scene, TRUE, filmed[1])
+    true, films, positions, halved = compressed
+    around = Surroundings.of(films)
+    stills = [np.median(frames, axis=0).astype(np.float32) for frames in films]
+    frames = [(r, frame.astype(np.float32)) for r, taken in enumerate(films) for frame in taken[::20]]
+    monkeypatch.setattr(Surroundings, "camera", lambda *_: None)
+    with Scene(get_system("pendulum").compile(), "fixed", (64, 64), "fast", halved) as scene:
+        assert around.marked(scene, true, positions)
+        bank = Bank(scene, scene.nominal)
+        marked = fit_look(scene, stills, frames, bank, around)
+        monkeypatch.setattr(Surroundings, "marked", lambda *_: False)
+        clean = fit_look(scene, stills, frames, bank, around)
+    assert marked.values == pytest.approx(clean.values)
+    assert marked.deviation == pytest.approx(MARKED * clean.deviation)
