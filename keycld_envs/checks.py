@@ -84,10 +84,10 @@ def check_camera(model: mujoco.MjModel, name: str) -> str:
     Raises:
         InputError: if it has none.
     """
-    cameras = _cameras(model)
+    cameras = _some_cameras(model)
     if not isinstance(name, str) or name not in cameras:
         similar = difflib.get_close_matches(str(name), cameras, n=1)
-        hint = f"did you mean {similar[0]!r}?" if similar else f"it has {', '.join(map(repr, cameras)) or 'none'}."
+        hint = f"did you mean {similar[0]!r}?" if similar else f"it has {', '.join(map(repr, cameras))}."
         raise InputError(f"The model has no camera {short(name)}; {hint}")
     return name
 
@@ -100,15 +100,16 @@ def the_camera(model: mujoco.MjModel, name: str | None = None) -> str:
     """
     if name is not None:
         return check_camera(model, name)
-    cameras = _cameras(model)
-    if not cameras:
-        raise InputError('The model has no camera; add one to its <worldbody>: <camera name="front" pos=... />.')
+    cameras = _some_cameras(model)
     if len(cameras) > 1:
         raise InputError(f"The model has the cameras {', '.join(cameras)}; say which one looks, --camera NAME.")
     return cameras[0]
 
 
-def _cameras(model: mujoco.MjModel) -> list[str]:
+def _some_cameras(model: mujoco.MjModel) -> list[str]:
+    """Names of a model's cameras, one at least."""
+    if not model.ncam:
+        raise InputError('The model has no camera; add one to its <worldbody>: <camera name="front" pos=... />.')
     return [model.camera(i).name for i in range(model.ncam)]
 
 

@@ -9,6 +9,8 @@ from keycld_model.tracking import Track
 from keycld_model.tracking.pendulum import Study
 
 GRAVITY = 9.81
+TURNED = math.pi / 4
+"""Angle of rest, rad, that no camera held by hand makes."""
 MOST, ROUND, VAGUE, INFLATED, UNEXPLAINED = 0.8, 0.01, 0.03, 30.0, 10.0
 """What raises a doubt: share of frames, lengths off the circle, lengths of the pivot's deviation, inflation of
 covariances, and held-out error in noises of a frame."""
@@ -56,7 +58,8 @@ def summary(track: Track, study: Study | None) -> dict[str, Any]:
         return result
     if study is None:
         result["dissipation"] = (
-            "It cannot be determined: the motion is no free swing of at least three and a half periods."
+            "It cannot be determined: the motion is no free swing of a pendulum over at least three and a half periods "
+            "(if it is one, the track is wrong, see overlay.mp4, or frames are missing from the video)."
         )
         return result
     return result | _of_study(track, study)
@@ -79,9 +82,17 @@ def doubts(track: Track, study: Study | None) -> list[str]:
         if track.off_circle[k] > ROUND * length:
             result.append(f"{keypoint} is {track.off_circle[k]:.1f} px off its circle: pivot and angles may be wrong.")
         if track.inflation[k] > INFLATED:
-            result.append(f"{part} scatters far more than its fit lets expect: it may have been lost at times.")
+            result.append(
+                f"{part} scatters far more than its fit lets expect: it may have been lost at times, or frames are "
+                "missing."
+            )
     if float(np.hypot(*track.pivot_deviation)) > VAGUE * track.lengths[0]:
         result.append(f"The pivot is known to {np.hypot(*track.pivot_deviation):.0f} px only.")
+    if study is not None and abs(study.rest) > TURNED:
+        result.append(
+            f"The pendulum rests at {math.degrees(study.rest):.0f}° from the picture's downward direction: the video "
+            "is turned."
+        )
     if study is not None and study.candidates[0].held_out > UNEXPLAINED * track.angle_noise[0]:
         result.append(
             f"No dissipation predicts to within noise: {1e3 * study.candidates[0].held_out:.1f} mrad are off where one "

@@ -46,6 +46,8 @@ def _meta(recording: Recording) -> Iterator[str]:
     for name in ("system", "render_quality"):
         if not isinstance(getattr(recording, name), str | None):
             yield f"{name} is {getattr(recording, name)!r}; it must be a string or null."
+    if recording.system == "":
+        yield "system is empty; name an environment, or write null."
     if isinstance(recording.seed, bool) or not isinstance(recording.seed, int | None):
         yield f"seed is {recording.seed!r}; it must be an integer or null."
     if recording.source not in SOURCES:

@@ -21,6 +21,8 @@ PLAINLY = {
     "matches no streams": "it holds no pictures",
 }
 """Parts of what ffmpeg says, and what that means."""
+SQUARE = "scale=round(iw*sar):ih"
+"""Filter of ffmpeg that makes pixels square which are shown wider or narrower ("sample aspect ratio"); no others."""
 LOSSY = 20.0
 """Mean difference, of 255, up to which a frame and its copy by a lossy encoder are the same."""
 
@@ -93,7 +95,9 @@ def _not_whole(path: Path) -> InputError:
 def decode(
     path: Path, size: tuple[int, int] | None = None, crop: tuple[int, int, int, int] | None = None
 ) -> Iterator[Frame]:
-    """Decode a video frame by frame, in constant memory, without dropping or repeating frames, turned as it is shown.
+    """Decode a video frame by frame, in constant memory, without dropping or repeating frames, as it is shown.
+
+    It is turned, and pixels that are not square are made so.
 
     Args:
         path: a file ffmpeg can read.
@@ -108,10 +112,21 @@ def decode(
         ValueError: if it is no regular file, or, after the last frame, if the decoder reported an error.
     """
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", "-i", str(check_file(path)), "-map", "0:v:0"]
-    filters = [] if crop is None else ["crop={2}:{3}:{0}:{1}:exact=1".format(*crop)]
+    filters = [SQUARE] if crop is None else [SQUARE, "crop={2}:{3}:{0}:{1}:exact=1".format(*crop)]
     filters += [] if size is None else [f"scale={size[0]}:{size[1]}:flags=area"]
-    command += ["-vf", ",".join(filters)] if filters else []
-    command += ["-fps_mode", "passthrough", "-pix_fmt", "rgb24", "-c:v", "ppm", "-f", "image2pipe", "-"]
+    command += [
+        "-vf",
+        ",".join(filters),
+        "-fps_mode",
+        "passthrough",
+        "-pix_fmt",
+        "rgb24",
+        "-c:v",
+        "ppm",
+        "-f",
+        "image2pipe",
+        "-",
+    ]
     with tempfile.TemporaryFile() as log, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log) as decoder:
         assert decoder.stdout is not None
         try:

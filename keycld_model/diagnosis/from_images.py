@@ -13,7 +13,7 @@ from keycld_model.diagnosis.criteria import STANDARD, Criteria
 from keycld_model.diagnosis.diagnose import diagnose
 from keycld_model.diagnosis.inputs.checks import check_commands, check_films, check_model
 from keycld_model.diagnosis.inputs.observation import JointPositions, Observation
-from keycld_model.diagnosis.inputs.observation.encoders_and_camera import EncodersAndCamera, joined
+from keycld_model.diagnosis.inputs.observation.encoders_and_camera import EncodersAndCamera, check_encoders, joined
 from keycld_model.diagnosis.output.pictures import pictures
 from keycld_model.diagnosis.verdict.evidence import Evidence
 from keycld_model.diagnosis.verdict.report import Estimate, FitErrors, Report, Unexplained
@@ -69,6 +69,8 @@ def diagnose_images(
     check_model(model)
     check_commands(every, model)
     check_films(every, criteria.sizes.window)
+    for recording in every if encoders else ():
+        check_encoders(recording, model)
     positions = read_positions(every, model, camera, workers)
     if not _believed(positions, criteria):
         remedy = "Give the simulator the camera, the shapes and the colours of the scene."
@@ -241,7 +243,7 @@ def _why_distrusted(positions: Positions, criteria: Criteria) -> str:
             f"({100 * (1 - LEAST_SEEN):.0f} % may be without it)"
         )
     worst = min(range(len(positions.recordings)), key=lambda r: float(np.median(positions.explained[r])))
-    share, name = float(np.median(positions.explained[worst])), positions.recordings[worst].id
+    share, name = max(0.0, float(np.median(positions.explained[worst]))), positions.recordings[worst].id
     return (
         f"Only {100 * positions.trusted:.0f} % of the frames show the simulator where it can be, "
         f"{100 * criteria.trusted_frames:.0f} % are needed (in recording {name!r} its picture explains "

@@ -10,7 +10,7 @@ from plants import recordings
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 from keycld_envs.systems import get_system
-from keycld_model.diagnosis import diagnose
+from keycld_model.diagnosis import diagnose, diagnose_images, from_images
 from keycld_model.diagnosis.inputs.observation.encoders_and_camera import SEEN, EncodersAndCamera, joined
 
 
@@ -76,3 +76,18 @@ def test_both_sensors_name_what_is_missing_with_a_noise_of_their_own():
     assert report.findings[0].parameters["b"].value == pytest.approx(0.1, rel=0.1)
     assert report.details["noise"][1] == pytest.approx(0.004, rel=0.3)
     assert report.details["noise"][0] < 0.003
+
+
+@pytest.mark.parametrize("lost", ["all positions", "one joint"])
+def test_encoders_that_tell_nothing_are_refused_before_frames_are_read(lost, monkeypatch):
+    (run,) = recordings("acrobot", 1, number=1, seconds=2.0)
+    clock = np.asarray(run.t_state)[::2]
+    q = np.array(run.qpos)
+    q[:, 1] = np.nan
+    kept = {"qpos": q} if lost == "one joint" else {"qpos": None, "t_state": None, "qvel": None}
+    film = np.zeros((len(clock), 8, 8, 3), np.uint8)
+    filmed = replace(run, t_frame=clock, frames=film, **kept)  # pyright: ignore[reportArgumentType]
+    monkeypatch.setattr(from_images, "read_positions", lambda *_: pytest.fail("frames were read"))
+    says = "misses more than half of the samples of 'elbow'" if lost == "one joint" else "no joint positions beside"
+    with pytest.raises(InputError, match=says):
+        diagnose_images([filmed], get_system("acrobot").compile(), encoders=True)

@@ -135,6 +135,7 @@ def test_a_write_killed_in_the_middle_leaves_no_recording_and_is_repeated(tmp_pa
         ({"units": "rad"}, "units is 'rad'"),
         ({"seed": True}, "seed is True"),
         ({"system": 3}, "system is 3"),
+        ({"system": ""}, "meta.json: system is empty"),
     ],
 )
 def test_a_wrong_recording_cannot_be_made(make_recording: Make, changes: dict[str, Any], message: str) -> None:

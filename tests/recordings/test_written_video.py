@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 
@@ -50,3 +51,19 @@ def test_a_full_disk_leaves_no_recording(tmp_path):
     assert done.returncode == 2, done.stderr
     assert "a/frames.mkv could not be written whole; free space" in done.stdout
     assert list(tmp_path.iterdir()) == []
+
+
+def test_pixels_that_are_not_square_are_made_so(tmp_path):
+    """Stored half as wide as it is shown."""
+    path, frame = tmp_path / "wide.mp4", np.zeros((96, 64, 3), np.uint8)
+    frame[:, 16:32] = 255
+    writer = imageio_ffmpeg.write_frames(str(path), (64, 96), fps=25, output_params=["-vf", "setsar=2/1"])
+    writer.send(None)
+    for _ in range(5):
+        writer.send(frame)
+    writer.close()
+    shown = next(video.decode(path))
+    assert shown.shape == (96, 128, 3)
+    assert shown[40, 40:56].min() > 200 and shown[40, 70:].max() < 50
+    part = next(video.decode(path, crop=(32, 0, 32, 96)))
+    assert part.shape == (96, 32, 3) and part.min() > 180

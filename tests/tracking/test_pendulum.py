@@ -78,6 +78,19 @@ def test_a_short_noisy_swing_names_nothing():
     assert study is None or study.named in (None, ())
 
 
+@pytest.mark.parametrize("missing", ["two gaps", "frames at random"])
+def test_a_swing_that_lacks_frames_behind_an_even_clock_has_no_period(missing):
+    times, kept = np.arange(200) / 30, np.ones(200, bool)
+    if missing == "two gaps":
+        kept[60:75] = kept[120:140] = False
+    else:
+        kept[np.random.default_rng(0).choice(200, 57, replace=False)] = False
+    angles = (swing(times, ("viscous_friction",), (0.12,)) + np.random.default_rng(1).normal(0, 5e-4, 200))[kept]
+    assert study_pendulum(times[: len(angles)], angles, 0, nothing) is None
+    study = study_pendulum(times[kept], angles, 0, nothing)  # as they were taken
+    assert study is not None and abs(study.period[0] / 1.2 - 1) < 0.002
+
+
 def test_angles_are_unwrapped_from_frame_to_frame_and_across_gaps():
     times = np.arange(60) / 30
     turning = 12 * times + 0.5 * np.sin(9 * times)

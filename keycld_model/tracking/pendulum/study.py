@@ -21,6 +21,9 @@ SPLITS = (0.5, 0.6, 0.7)
 CANDIDATES = tuple(terms for n in range(3) for terms in combinations(TERMS, n))
 FEWEST_SWINGS = 6
 """Half swings below which nothing is said about damping."""
+PREDICTED = 0.1
+"""Share of the motion's root mean square that predictions may be off: with more, it is not that of a pendulum, or not
+at these times."""
 HELD = 0.1
 """Share of a period; a pendulum that rests aside for so much longer than a turning point lasts is held."""
 DRAWS = 400
@@ -87,7 +90,7 @@ def study_pendulum(times: Array, angles: Array, seed: int, advance: Advance) -> 
         advance: a progress bar, one step per candidate.
 
     Returns:
-        None if the motion is no swing about an angle of rest.
+        None if the motion is no swing about an angle of rest, or no dissipation predicts it.
     """
     clock, q = thinned(times, angles)
     swings = half_swings(clock, q)
@@ -112,6 +115,8 @@ def study_pendulum(times: Array, angles: Array, seed: int, advance: Advance) -> 
         advance()
     held_out = {terms: _rms(errors[terms]) for terms in CANDIDATES}
     order = sorted(CANDIDATES, key=lambda terms: held_out[terms])
+    if held_out[order[0]] > PREDICTED * float(np.std(q)):
+        return None
     bound = _chance(swings, clock) * held_out[order[0]] ** 2
     candidates = tuple(
         Candidate(terms, held_out[terms], fitted[terms], held_out[terms] ** 2 > bound, whole[terms]) for terms in order

@@ -11,6 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Recording
 from keycld_model.diagnosis.criteria import STANDARD, Criteria
+from keycld_model.diagnosis.inputs.observation.checks import check_positions
 from keycld_model.diagnosis.inputs.observation.joint_positions import JointPositions
 from keycld_model.diagnosis.inputs.observation.noise import estimate_noise
 from keycld_model.diagnosis.inputs.observation.nuisance import Nuisance
@@ -113,18 +114,23 @@ class EncodersAndCamera:
         return np.concatenate([first, self._camera.predict(q, v, values[of_encoders:])], axis=-1)
 
 
+def check_encoders(recording: Recording, model: mujoco.MjModel) -> None:
+    """Raise InputError if a recording with frames has no positions by encoders of a model's joints beside them."""
+    if recording.qpos is None or recording.t_state is None:
+        raise InputError(f"Recording {recording.id!r} has no joint positions beside its frames; use --observe pixels.")
+    check_positions(recording, model)
+
+
 def joined(encoders: Recording, camera: Recording) -> Recording:
     """One recording of both, at the times of the slower sensor; the faster one is interpolated.
 
     Args:
-        encoders: with joint positions by encoders.
+        encoders: with joint positions by encoders, see `check_encoders`.
         camera: the same run, with those that were read off its images.
 
     Raises:
-        InputError: if there are no positions by encoders, or the sensors were never on at the same time.
+        InputError: if the sensors were never on at the same time.
     """
-    if encoders.qpos is None or encoders.t_state is None:
-        raise InputError(f"Recording {encoders.id!r} has no joint positions beside its frames; use --observe pixels.")
     clocks = [np.asarray(r.t_state, np.float64) for r in (encoders, camera)]
     slow = max(clocks, key=lambda t: float(np.median(np.diff(t))))
     both = slow[(slow >= max(t[0] for t in clocks) - 1e-9) & (slow <= min(t[-1] for t in clocks) + 1e-9)]
