@@ -99,17 +99,13 @@ class Stage:
 
     def in_image(self, positions: Array, film: Film) -> NDArray[np.bool_]:
         """Whether the middle of every part is inside the image, at positions `[T, nv]`: `[T]`."""
-        half, view, out = SIZE / 2, film.seen_from(self._distance), []
+        focal, view, out = focal_length(self._model, self._camera, SIZE), film.seen_from(self._distance), []
         for q in positions:
             self._place(q)
-            right, up = (
-                half
-                * world_to_image(
-                    self._model, self._data, self._data.geom_xpos[self._moving], self._camera, SIZE, SIZE
-                ).T
-            )
-            x, y = view.place(right, up, focal_length(self._model, self._camera, SIZE))
-            out.append(bool((np.maximum(np.abs(x), np.abs(y)) < half).all()))
+            middles = self._data.geom_xpos[self._moving]
+            right, up = SIZE / 2 * world_to_image(self._model, self._data, middles, self._camera, SIZE, SIZE).T
+            x, y = view.place(right, up, focal)
+            out.append(bool((np.maximum(np.abs(x), np.abs(y)) < SIZE / 2).all()))
         return np.array(out)
 
     @property
