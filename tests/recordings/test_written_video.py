@@ -53,6 +53,7 @@ def test_a_full_disk_leaves_no_recording(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.filterwarnings("ignore:os.fork")  # ffmpeg is run at once
 def test_pixels_that_are_not_square_are_made_so(tmp_path):
     """Stored half as wide as it is shown."""
     path, frame = tmp_path / "wide.mp4", np.zeros((96, 64, 3), np.uint8)

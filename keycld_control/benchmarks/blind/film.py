@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from keycld_control.benchmarks.blind.parameter_errors import ParameterErrors
 from keycld_envs.disturbance import Disturbance
-from keycld_envs.projection import focal_length, world_to_image
 from keycld_envs.rendering import Renderer, View
 from keycld_envs.systems import get_system
 
@@ -99,14 +98,19 @@ class Stage:
 
     def in_image(self, positions: Array, film: Film) -> NDArray[np.bool_]:
         """Whether the middle of every part is inside the image, at positions `[T, nv]`: `[T]`."""
-        focal, view, out = focal_length(self._model, self._camera, SIZE), film.seen_from(self._distance), []
+        camera, view, out = self._model.camera(self._camera).id, film.seen_from(self._distance), []
         for q in positions:
             self._place(q)
-            middles = self._data.geom_xpos[self._moving]
-            right, up = SIZE / 2 * world_to_image(self._model, self._data, middles, self._camera, SIZE, SIZE).T
-            x, y = view.place(right, up, focal)
+            away = self._data.geom_xpos[self._moving] - self._data.cam_xpos[camera]
+            right, up, backward = (away @ self._data.cam_xmat[camera].reshape(3, 3)).T
+            x, y = view.place(self._focal * right / -backward, self._focal * up / -backward, self._focal)
             out.append(bool((np.maximum(np.abs(x), np.abs(y)) < SIZE / 2).all()))
         return np.array(out)
+
+    @property
+    def _focal(self) -> float:
+        """Of the camera, pixels."""
+        return float(SIZE / 2 / np.tan(np.radians(self._model.camera(self._camera).fovy[0]) / 2))
 
     @property
     def _moving(self) -> NDArray[np.intp]:
@@ -116,10 +120,9 @@ class Stage:
     def _pixels_per_unit(self, q: Array) -> Array:
         """By how many pixels each joint moves what it moves most, per rad or m `[nv]`."""
         camera, there = self._model.camera(self._camera), self._ends(q)
-        focal = SIZE / 2 / np.tan(np.radians(camera.fovy[0]) / 2)
         depth = np.linalg.norm(self._data.cam_xpos[camera.id] - there, axis=-1)
         moved = [np.linalg.norm(self._ends(q + STEP * e) - there, axis=-1) for e in np.eye(len(q))]
-        return np.array([focal * (m / depth).max() / STEP for m in moved])
+        return np.array([self._focal * (m / depth).max() / STEP for m in moved])
 
     def _depth(self) -> float:
         """Of the links from the camera, on average and along its axis, m."""
