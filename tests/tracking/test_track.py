@@ -9,10 +9,12 @@ from scenes import CAMERA, draw_chain, draw_pendulum, nothing, swing
 from scipy.ndimage import gaussian_filter
 
 from keycld_control.cli import main
+from keycld_control.tracking.summary import doubts
 from keycld_envs import Mechanism, Rod
 from keycld_envs.recordings import read_recording
-from keycld_envs.recordings.video import write_video
+from keycld_envs.recordings.video import decode, write_video
 from keycld_model.tracking import read, track
+from keycld_model.tracking.pendulum import study_pendulum
 
 PENDULUM = Mechanism(num_keypoints=1, num_actions=0, rods=(Rod(None, 0),))
 
@@ -174,3 +176,16 @@ def test_marks_that_cannot_be_used(tmp_path, capsys, words, names):
     )
     message = capsys.readouterr().err
     assert code == 2 and names in message and len(message.strip().splitlines()) == 1
+
+
+@pytest.mark.long
+def test_a_video_that_lies_on_its_side_is_remarked_on(tmp_path):
+    times = np.arange(200) / 30
+    draw_pendulum(tmp_path / "a.mp4", swing(times), (640, 360), np.array([320.0, -60.0]), 330.0)
+    turned = [np.rot90(frame).copy() for frame in decode(tmp_path / "a.mp4")]
+    write_video(tmp_path / "b.mp4", turned, (360, 640), 30.0, **CAMERA)
+    for name, sideways in (("a.mp4", False), ("b.mp4", True)):
+        found = track(read(tmp_path / name, PENDULUM), PENDULUM, 0, nothing)
+        study = study_pendulum(found.film.times, found.angles[:, 0], 0, nothing)
+        assert study is not None and abs(study.period[0] / 1.2 - 1) < 0.01
+        assert any("the video is turned" in doubt for doubt in doubts(found, study)) == sideways
