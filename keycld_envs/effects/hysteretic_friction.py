@@ -39,8 +39,8 @@ class HystereticFriction(JointEffect):
         return super().grids(model, seen) | {"vs": tuple(float(np.clip(s * usual, 0.02, 5.0)) for s in FADING)}
 
     def begin(self, model: mujoco.MjModel, v: Array) -> Array:
-        """Bristles slip as they do in fast motion: at rest they bend further only as far as the joint slides."""
-        return self.c / self.s * np.sign(v[..., self.dof(model), None])
+        """As compiled."""
+        return self.begin_compiled(v[..., self.dof(model), None])[0]
 
     def advance(
         self, model: mujoco.MjModel, memory: Array, t: Array, q: Array, v: Array, u: Array, h: float
@@ -56,7 +56,7 @@ class HystereticFriction(JointEffect):
         return (self.c + self.extra * xp.exp(-((speed / self.vs) ** 2))) / self.s * xp.sign(speed)
 
     def begin_compiled(self, v: Array) -> tuple[Array, ...]:
-        """The same."""
+        """Bristles slip as they do in fast motion: at rest they bend further only as far as the joint slides."""
         return (self.c / self.s * functions(v).sign(v),)
 
     def remembered(self, memory: tuple[Array, ...], v: Array, motor: Array, h: float) -> tuple[Array, ...]:

@@ -114,19 +114,8 @@ def decode(
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", "-i", str(check_file(path)), "-map", "0:v:0"]
     filters = [SQUARE] if crop is None else [SQUARE, "crop={2}:{3}:{0}:{1}:exact=1".format(*crop)]
     filters += [] if size is None else [f"scale={size[0]}:{size[1]}:flags=area"]
-    command += [
-        "-vf",
-        ",".join(filters),
-        "-fps_mode",
-        "passthrough",
-        "-pix_fmt",
-        "rgb24",
-        "-c:v",
-        "ppm",
-        "-f",
-        "image2pipe",
-        "-",
-    ]
+    command += ["-vf", ",".join(filters)]
+    command += ["-fps_mode", "passthrough", "-pix_fmt", "rgb24", "-c:v", "ppm", "-f", "image2pipe", "-"]
     with tempfile.TemporaryFile() as log, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log) as decoder:
         assert decoder.stdout is not None
         try:

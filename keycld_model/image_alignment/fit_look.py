@@ -50,7 +50,7 @@ class Look:
 
     Attributes:
         values: `[p]` of the scene's parameters.
-        deviation: `[p]` their standard deviations, see `design_effect`.
+        deviation: `[p]` their standard deviations, see `design_effect` and `MARKED`.
         lights: of each recording.
         bank: drawings with these values.
         best: of each recording, the pose that explains most of one of the frames that were fitted to.

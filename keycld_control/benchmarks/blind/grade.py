@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from keycld_control.benchmarks.blind.case import TRAINING, SealedCase, Signals, recording
 from keycld_control.benchmarks.blind.film import Stage
@@ -51,14 +52,20 @@ def noiseless(case: SealedCase, signals: Sequence[Signals], noise: Array) -> Pro
     Of filmed ones, those alone at which the mechanism is in the image.
     """
     simulator = _simulator(case.plan.system, 1 / case.rate / np.ceil(1 / case.rate / (STEP + 1e-4)))
-    stage = None if case.film is None else Stage(case.plan.system, case.errors)
-    clean = []
-    for run, s in enumerate(signals):
-        exact = np.broadcast_to(case.zero, s.true.shape)
-        if stage is not None and case.film is not None:
-            exact = np.where(stage.in_image(s.true, case.film)[:, None], exact, np.nan)
-        clean.append(recording(case, run, replace(s, noise=exact)))
+    exact = [
+        replace(s, noise=np.where(seen[:, None], case.zero, np.nan))
+        for s, seen in zip(signals, _seen(case, signals), strict=True)
+    ]
+    clean = [recording(case, run, s) for run, s in enumerate(exact)]
     return windowed(simulator, clean, JointPositions(simulator.model, noise))
+
+
+def _seen(case: SealedCase, signals: Sequence[Signals]) -> list[NDArray[np.bool_]]:
+    """Of each recording, `[Ts]` whether its sensor shows the mechanism: encoders do, cameras where it is in view."""
+    if case.film is None:
+        return [np.ones(len(s.true), bool) for s in signals]
+    stage = Stage(case.plan.system, case.errors)
+    return [stage.in_image(s.true, case.film) for s in signals]
 
 
 def _misfit(case: SealedCase, problem: Problem, iterations: int) -> float:
