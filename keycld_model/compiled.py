@@ -117,7 +117,7 @@ class CompiledModel:
             keypoints = self.parts.keypoints(parameters, frames)
             state = estimate_state(dynamics, keypoints, first, h, fine=True)
             if refine:
-                draw = partial(self.parts.render, parameters)
+                draw = partial(self.parts.fine_render, parameters)
                 state = refine_state(dynamics, draw, as_float(frames), keypoints, first, h, state)
             return dynamics.rollout(*state, u, h, fine=True)
 

@@ -36,6 +36,8 @@ class NetworkConfig:
         springs: beside a linear term, V(x) has a spring along each slider's rail.
         rod_masses: a rod between two joints has a mass in its middle, beside those of the keypoints: a link there has
             three numbers, two masses at its ends have two.
+        rigid_parts: a second renderer draws each rigid part in coordinates that move with it; it tells more exactly
+            than the first where joints are, and the state that a prediction starts from.
         motion: what moves the keypoints: a Lagrangian under the constraints, one without them (the paper's KeyCLD-NC),
             or a network for the acceleration (NODE2).
         images: estimator and renderer: hourglasses, or with fully connected layers in the middle (the paper's FC).
@@ -55,6 +57,7 @@ class NetworkConfig:
     linear: bool = True
     springs: bool = True
     rod_masses: bool = True
+    rigid_parts: bool = False
     motion: Motion = "constrained"
     images: Images = "convolutional"
 
@@ -101,11 +104,12 @@ PAPER_NETWORKS = NetworkConfig(
     linear=False,
     springs=False,
     rod_masses=False,
+    rigid_parts=False,
 )
 """Appendix A.4 and table 2 of the KeyCLD paper."""
 
-OF_OLDER_CHECKPOINTS = {"springs": False, "rod_masses": False}
-"""Fields that checkpoints lack from before 2026-11-26 and 2026-11-28, with what was true without them."""
+OF_OLDER_CHECKPOINTS = {"springs": False, "rod_masses": False, "rigid_parts": False}
+"""Fields that checkpoints lack from before 2026-11-26, 2026-11-28 and 2026-11-30, with what was true without them."""
 
 
 @dataclass(frozen=True)

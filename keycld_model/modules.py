@@ -18,10 +18,19 @@ from keycld_model.acceleration_network import AccelerationNetwork
 from keycld_model.config import ModelConfig, NetworkConfig
 from keycld_model.dynamics import Dynamics
 from keycld_model.lagrangian import Lagrangian
-from keycld_model.nets import FullyConnectedEstimator, FullyConnectedRenderer, KeypointEstimator, Renderer
+from keycld_model.nets import (
+    FullyConnectedEstimator,
+    FullyConnectedRenderer,
+    KeypointEstimator,
+    Renderer,
+    RigidParts,
+    rigid_parts,
+)
 
 Parameters = dict[str, Any]
-"""{"estimator": …, "renderer": …, "dynamics": …}, nested dictionaries of arrays."""
+"""{"estimator": …, "renderer": …, "dynamics": …, "appearance": …}, nested dictionaries of arrays."""
+HIDDEN = (48, 32)
+"""Widths of the two hidden layers of what draws a rigid part."""
 
 
 class Parts:
@@ -38,7 +47,10 @@ class Parts:
         net, mechanism, rngs = self.config.networks, self.config.mechanism, nnx.Rngs(seed)
         image_networks = _hourglasses if net.images == "convolutional" else _fully_connected
         estimator, renderer = image_networks(mechanism, self.config.image_shape, net, rngs)
-        return {"estimator": estimator, "renderer": renderer, "dynamics": _dynamics(mechanism, net, rngs)}
+        built = {"estimator": estimator, "renderer": renderer, "dynamics": _dynamics(mechanism, net, rngs)}
+        if net.rigid_parts:
+            built["appearance"] = RigidParts(rigid_parts(mechanism), self.config.image_shape, HIDDEN, rngs)
+        return built
 
     @cached_property
     def _graphs(self) -> dict[str, nnx.GraphDef[Any]]:
@@ -74,6 +86,10 @@ class Parts:
             )
         return dynamics
 
+    def appearance(self, parameters: Parameters) -> RigidParts:
+        """What the rigid parts look like, of a configuration with `rigid_parts`."""
+        return self._module("appearance", parameters)
+
     def keypoints(self, parameters: Parameters, images: Array) -> Array:
         """Keypoints `[B, n]` of images `[B, H, W, 3]`, uint8 or float in 0 to 1."""
         keypoints = self._module("estimator", parameters)(as_float(images))
@@ -83,6 +99,12 @@ class Parts:
         """Images `[B, H, W, 3]` of positions `[B, n]`."""
         pivot = parameters["dynamics"]["pivot"]
         return self._module("renderer", parameters)(x.reshape(x.shape[0], -1, 2), pivot)
+
+    def fine_render(self, parameters: Parameters, x: Array) -> Array:
+        """Images `[B, H, W, 3]` of positions `[B, n]`, as exact in where things are as the model can."""
+        if not self.config.networks.rigid_parts:
+            return self.render(parameters, x)
+        return self.appearance(parameters)(x.reshape(x.shape[0], -1, 2), parameters["dynamics"]["pivot"])
 
 
 def _hourglasses(

@@ -26,6 +26,7 @@ from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
 from keycld_envs.recordings import Dataset
 from keycld_envs.registration import same_system
+from keycld_model.aligned_keypoints import align
 from keycld_model.modules import Parts
 from keycld_model.training.coordinates import Coordinates
 from keycld_model.training.data import TrainingData, check_fits
@@ -99,7 +100,10 @@ def with_uncertainty(model: WorldModel, dataset: Dataset) -> WorldModel:
         dataset = dataset.split(meta["validation"])[0]
     data = TrainingData.from_dataset(dataset, meta.get("length", 50))
     check_fits(data, model.config, dataset)
-    keypoints = model.keypoints(data.frames).reshape(data.num_sequences, data.length, -1)
+    keypoints = model.keypoints(data.flat_frames).reshape(len(data.flat_frames), -1)
+    if model.config.networks.rigid_parts:
+        keypoints = align(model.parts, model.parameters, data.flat_frames, keypoints)
+    keypoints = keypoints.reshape(data.num_sequences, data.length, -1)
     found = measure_uncertainty(model.parts, dict(model.parameters), keypoints, data.actions)
     if found is None:
         raise InputError(

@@ -2,19 +2,14 @@
 
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from keycld_model.modules import Parts, as_float
-from keycld_model.places import to_masses
 from keycld_model.training.data import TrainingData
-from keycld_model.training.keypoint_tables import keypoint_table
+from keycld_model.training.keypoint_tables import trajectories, trust
 from keycld_model.training.stage import Batch, Context, Stage, Variables
-
-DISTRUST = 0.05
-"""Frames whose keypoints are this far (image units) from their trajectory hardly count."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,13 +28,7 @@ class Distil(Stage):
 
     def prepare(self, parts: Parts, variables: Variables, data: TrainingData) -> Context:
         """Positions `[N*T, n]` on the trajectories, and how much each frame counts."""
-        rollout = jax.jit(
-            lambda dynamics, x, v, u: jax.vmap(
-                lambda x, v, u: parts.dynamics({"dynamics": dynamics}).rollout(x, v, u, data.timestep)[0]
-            )(x, v, u)
-        )
-        start = variables["trajectories"]
-        target = np.asarray(rollout(variables["dynamics"], start["x"], start["v"], data.actions))
+        target = trajectories(parts, variables, data)
         # Weights stay those of the keypoints at the start of the stage, which "trust" remembers.
         weight = np.asarray(variables["trust"])
         n = target.shape[-1]
@@ -47,15 +36,8 @@ class Distil(Stage):
 
     def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
         """Compare trajectories and keypoints once, before the keypoints change."""
-        context = self.prepare(parts, {**variables, "trust": jnp.ones((1,))}, data)
-        measured = jnp.asarray(keypoint_table(parts, variables, data))
-        keypoints = to_masses(parts.config.mechanism, variables, measured)
-        error = context["target"].reshape(*keypoints.shape[:2], -1, 2) - np.asarray(keypoints).reshape(
-            *keypoints.shape[:2], -1, 2
-        )
-        worst = np.sqrt((error**2).sum(-1)).max(-1)
-        trust = np.exp(-((worst / DISTRUST) ** 2)) * (np.median(worst, axis=1, keepdims=True) < DISTRUST)
-        return {**variables, "trust": jnp.asarray(trust, jnp.float32)}
+        trusted = trust(parts, variables, data, trajectories(parts, variables, data))
+        return {**variables, "trust": jnp.asarray(trusted, jnp.float32)}
 
     def draw(self, context: Context, data: TrainingData, rng: np.random.Generator) -> Batch:
         """Frames from anywhere."""

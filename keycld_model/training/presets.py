@@ -5,6 +5,7 @@ from typing import Any
 
 from keycld_envs.checks import check_number
 from keycld_model.config import PAPER_NETWORKS, NetworkConfig
+from keycld_model.training.align import Align
 from keycld_model.training.discover import Discover
 from keycld_model.training.distil import Distil
 from keycld_model.training.fit import FitTrajectories, FitWindows
@@ -60,18 +61,20 @@ DEFAULT = Preset(
     about="in stages; minutes on two CPU cores",
 )
 
-QUICK = replace(
-    DEFAULT,
-    stages=(
+QUICK = Preset(
+    NetworkConfig(rigid_parts=True),
+    (
         Discover(steps=500, batch=8, learning_rate=4e-3),
         *RELOCATION,
         FitWindows(steps=300, batch=64, learning_rate=1e-2, window=6, linear=True),
         FitTrajectories(portion=0.25, restart=True, identify=10),
         FitTrajectories(identify=10, sparse=True),
-        Distil(steps=500, batch=8, learning_rate=4e-3),
+        Align(steps=800, batch=16, learning_rate=5e-3, share=0.2),
+        Align(steps=400, batch=16, learning_rate=2e-3),
         FitTrajectories(slide=False, identify=10, sparse=True, acting=True),
+        Distil(steps=500, batch=8, learning_rate=4e-3),
     ),
-    about="a fifth of the steps: shows whether a declaration and recordings will do",
+    about="half of the steps, pictures of rigid parts: shows whether a declaration and recordings will do",
 )
 
 FINE_TUNING = Preset(

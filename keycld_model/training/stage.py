@@ -12,8 +12,8 @@ from keycld_model.modules import Parameters, Parts
 from keycld_model.training.data import TrainingData
 
 Variables = dict[str, Any]
-"""Model parameters ("estimator", "renderer", "dynamics") and what only training needs ("trajectories", "rod_scale",
-"lean")."""
+"""Model parameters ("estimator", "renderer", "dynamics", "appearance") and what only training needs ("trajectories",
+"aligned", "trust", "rod_scale", "lean")."""
 Batch = dict[str, Any]
 Context = dict[str, Any]
 
@@ -95,4 +95,5 @@ def forgetful(optimiser: optax.GradientTransformation) -> optax.GradientTransfor
 
 def model_parameters(variables: Variables) -> Parameters:
     """The part of the variables that a world model consists of."""
-    return {name: variables[name] for name in ("estimator", "renderer", "dynamics")}
+    names = ("estimator", "renderer", "dynamics", "appearance")
+    return {name: variables[name] for name in names if name in variables}

@@ -1,0 +1,110 @@
+"""Learn what the rigid parts look like, and put keypoints where these pictures fit the frames best."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from keycld_model.aligned_keypoints import SAMPLE, align, colours, distances, drawing, near
+from keycld_model.modules import Parts
+from keycld_model.nets.rigid_parts import COVERED, SOFT
+from keycld_model.places import to_masses
+from keycld_model.training.data import TrainingData
+from keycld_model.training.keypoint_tables import keypoint_table, trajectories, trust
+from keycld_model.training.stage import Batch, Context, Stage, Variables
+
+WITHIN = 0.98
+"""Share of what differs from the still scene that lies within the parts' reach."""
+REACHES = (0.06, 0.3)
+"""Least and greatest reach of a part beyond its rod, image units."""
+TRUSTED = 0.5
+"""Trust of a frame's keypoints (see `trust`) above which it teaches what parts look like."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Align(Stage):
+    """Learn what parts look like, then find every keypoint again where these pictures fit its frame.
+
+    A keypoint beside a joint, with all after it as far beside, keeps all rods rigid; but then the next part turns about
+    a point off its own picture, which blurs it. So frames tell where joints are. Later stages fit these keypoints in
+    place of the estimator's.
+
+    Attributes:
+        share: of the frames that teach what parts look like, those that are aligned; all others, too, if it is 1.
+    """
+
+    name: str = "align"
+    share: float = 1.0
+    trained: tuple[str, ...] = ("appearance",)
+
+    def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
+        """Begin with keypoints on their trajectories, as measured where those are lost; later, with what was found."""
+        if "aligned" in variables:
+            return variables
+        positions = trajectories(parts, variables, data)
+        trusted = trust(parts, variables, data, positions)
+        measured = to_masses(parts.config.mechanism, variables, jnp.asarray(keypoint_table(parts, variables, data)))
+        positions = np.where(trusted[..., None] > TRUSTED, positions, np.asarray(measured))
+        known = _trusted(trusted)
+        known = known[:: max(1, len(known) // SAMPLE)]
+        still = np.median(data.flat_frames[data.spread(SAMPLE)], axis=0) / 255.0
+        appearance = {**variables["appearance"], "background": jnp.asarray(still, jnp.float32)}
+        frames = data.flat_frames[known] / 255.0
+        appearance["reach"] = _reach(parts, {**variables, "appearance": appearance}, frames, _flat(positions)[known])
+        aligned, trusted = jnp.asarray(positions), jnp.asarray(trusted, jnp.float32)
+        return {**variables, "appearance": appearance, "aligned": aligned, "trust": trusted}
+
+    def prepare(self, parts: Parts, variables: Variables, data: TrainingData) -> Context:
+        """Positions `[N*T, n]`, the frames that count, and the pixels `[N*T, M]` near the parts in each."""
+        positions = _flat(np.asarray(variables["aligned"]))
+        trusted = _trusted(np.asarray(variables["trust"]))
+        return {"positions": positions, "trusted": trusted, "pixels": near(parts, variables, positions)}
+
+    def draw(self, context: Context, data: TrainingData, rng: np.random.Generator) -> Batch:
+        """Frames from anywhere, near the parts."""
+        i = rng.choice(context["trusted"], self.batch)
+        pixels = context["pixels"][i]
+        return {"positions": context["positions"][i], "pixels": pixels, "seen": colours(data.flat_frames[i], pixels)}
+
+    def loss(self, parts: Parts, variables: Variables, batch: Batch) -> tuple[Array, dict[str, Array]]:
+        """Squared error per frame."""
+        drawn = jax.vmap(drawing(parts, variables))(batch["positions"], batch["pixels"])
+        loss = jnp.mean(jnp.sum((drawn - batch["seen"]) ** 2, axis=(1, 2)))
+        return loss, {"reconstruction": loss}
+
+    def leave(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
+        """Align frames; the keypoints are where the masses are, now. Those that are not aligned teach no longer."""
+        begun, trust = np.asarray(variables["aligned"]), np.asarray(variables["trust"])
+        rows = np.arange(trust.size) if self.share == 1 else _trusted(trust)[:: round(1 / self.share)]
+        aligned, kept = _flat(begun).copy(), np.zeros(trust.size, np.float32)
+        aligned[rows], kept[rows] = align(parts, variables, data.flat_frames[rows], aligned[rows]), trust.ravel()[rows]
+        there = jnp.zeros_like(variables["rod_scale"])
+        found = {"aligned": jnp.asarray(aligned.reshape(begun.shape)), "trust": jnp.asarray(kept.reshape(trust.shape))}
+        return {**variables, **found, "rod_scale": there, "lean": there}
+
+
+def _flat(positions: NDArray[np.float32]) -> NDArray[np.float32]:
+    """`[N*T, n]` of `[N, T, n]`."""
+    return positions.reshape(-1, positions.shape[-1])
+
+
+def _trusted(trust: NDArray[np.floating]) -> NDArray[np.int64]:
+    """Numbers of the frames that count; all, where none would."""
+    chosen = np.flatnonzero(trust.ravel() > TRUSTED)
+    return chosen if len(chosen) else np.arange(trust.size)
+
+
+def _reach(parts: Parts, variables: Variables, frames: NDArray[np.float64], positions: NDArray[np.float32]) -> Array:
+    """Distance from the parts within which most of what differs from the still scene lies."""
+    still = np.asarray(variables["appearance"]["background"])
+    differs = ((frames - still) ** 2).sum(-1).reshape(len(frames), -1)
+    differs = np.maximum(differs - 9 * np.median(differs), 0)  # the median is the noise's
+    every = distances(parts, variables, positions)
+    covered = np.sort(every, axis=1)[:, every.shape[1] // COVERED - 1].min() - 2 * SOFT
+    order = np.argsort(every, axis=None)
+    total = np.cumsum(differs.ravel()[order])
+    found = every.ravel()[order][np.searchsorted(total, WITHIN * total[-1])]
+    return jnp.asarray(min(np.clip(found, *REACHES), covered), jnp.float32)
