@@ -20,7 +20,7 @@ from keycld_control.targets import LENGTH_TOLERANCE, as_float
 from keycld_model import physics
 
 EVERY = 2
-"""Pixels apart, in either direction, are those that are looked at."""
+"""Rows apart are the pixels that are looked at, in all columns, for each has its mirrored one."""
 POSES = 48
 """Configurations that are drawn to know the background."""
 REACH = 0.5
@@ -30,6 +30,9 @@ NEAR = 0.25
 DISTINCT = 0.02
 """Difference of a background pixel from its mean with the mirrored one, of 1, below which it is the drawing's own
 error, five grey levels. A plain background looks alike in a mirror, which then tells nothing."""
+MIRRORED = 0.5
+"""How much of what tells the background from its mirror image must be mirrored: 1 of a mirrored one, -1 of the
+background itself, and about 0 where both are alike but for errors of the drawing."""
 NOTICED = 0.1
 """Difference of a pixel's mean over the colours, of 1, below which it may be noise or light."""
 MORE = 0.01
@@ -44,9 +47,9 @@ class Plausibility(NamedTuple):
     Attributes:
         drawn: `[POSES, H, W, 3]` images of random configurations, 0 to 1.
         background: `[H, W, 3]` without the mechanism, 0 to 1.
-        even: `[h, w, 3]` mean of the background and the background mirrored, every second pixel; the background, where
+        even: `[h, W, 3]` mean of the background and the background mirrored, every second row; the background, where
             both are alike.
-        grid: `[h, w, 2]` places of these pixels, image units.
+        grid: `[h, W, 2]` places of these pixels, image units.
         tolerance: `[c]` by which constraints of keypoints may be off.
         least: sum of differences from the background, of pixels near the mechanism, at least.
         most: the same of the others, at most.
@@ -90,8 +93,8 @@ def expect(model: LearnedModel, plant: Plant, configuration: Array) -> Plausibil
     known = Plausibility(
         drawn,
         jnp.asarray(background),
-        jnp.asarray(evened(background)[::EVERY, ::EVERY]),
-        jnp.asarray(grid[::EVERY, ::EVERY]),
+        jnp.asarray(evened(background)[::EVERY]),
+        jnp.asarray(grid[::EVERY]),
         LENGTH_TOLERANCE * jnp.asarray(np.array(lengths, np.float32)),
         0.0,
         np.inf,
@@ -126,9 +129,10 @@ def differences(plant: Plant, known: Plausibility, image: Array, keypoints: Arra
         along, to = end - start, known.grid - start
         share = jnp.clip((to @ along) / (along @ along + 1e-9), 0.0, 1.0)
         distance = jnp.minimum(distance, jnp.sum((to - share[..., None] * along) ** 2, axis=-1))
-    pixels, background = as_float(image[::EVERY, ::EVERY]), known.background[::EVERY, ::EVERY]
+    pixels, background = as_float(image[::EVERY]), known.background[::EVERY]
     differs = jnp.maximum(jnp.mean(jnp.abs(pixels - background), axis=-1) - NOTICED, 0.0)
-    near = jnp.sum(differs * (distance < NEAR**2))
-    alike = jnp.sum((pixels - known.even) * (background - known.even), axis=-1)
-    mirrored = jnp.sum(jnp.where(differs + differs[:, ::-1] == 0, alike, 0.0)) < 0
-    return near, jnp.sum(differs) - near, mirrored
+    near = distance < NEAR**2
+    covered = (differs > 0) | near  # about a pivot, no image shows what is behind
+    odd = jnp.where((covered | covered[:, ::-1])[..., None], 0.0, background - known.even)
+    mirrored = jnp.sum((pixels - known.even) * odd) < -MIRRORED * jnp.sum(odd**2)
+    return jnp.sum(differs * near), jnp.sum(differs * ~near), mirrored

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import cache
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +15,7 @@ from keycld_control import EnergyShapingAgent
 from keycld_control.closed_loop import Loop, LoopSettings, make_loop
 from keycld_control.observer import first_estimate, predicted
 from keycld_control.plant import Plant
-from keycld_control.plausibility import evened
+from keycld_control.plausibility import Plausibility, differences, evened
 from keycld_control.trust import DOUBTFUL, first_trust, judged, trusted
 from keycld_envs import REFERENCE_SYSTEMS
 from keycld_envs.errors import InputError
@@ -170,3 +171,32 @@ def test_a_plain_background_does_not_tell_a_mirrored_image():
     assert (evened(0.3 + noise) == 0.3 + noise).all()
     slope = np.broadcast_to(np.linspace(0, 1, 64)[None, :, None], (64, 64, 3))
     assert evened(slope)[:, :30] == pytest.approx(0.5)
+
+
+def before_it(background: Any) -> Plausibility:
+    """What a model knows that draws such a background, and nothing else."""
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 64), np.linspace(1, -1, 64)), axis=-1)[::2]
+    even, arrays = evened(background)[::2], (np.zeros(0), background)
+    drawn, background = map(jnp.asarray, arrays)
+    return Plausibility(drawn, background, jnp.asarray(even), jnp.asarray(grid), jnp.ones(1), 0.0, np.inf)
+
+
+def seems_mirrored(known: Plausibility, image: Any) -> bool:
+    """Of a pendulum that stands up."""
+    plant = Plant.of(make_oracle("pendulum"))
+    return bool(differences(plant, known, jnp.asarray(image), jnp.array([0.0, 0.45]))[2])
+
+
+def test_what_always_covers_the_pivot_does_not_tell_a_mirrored_image():
+    background = np.full((64, 64, 3), 0.3)
+    drawn = background.copy()
+    drawn[30, 30] = 0.38  # the link itself, in most poses
+    assert not seems_mirrored(before_it(drawn), background)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_a_background_tells_a_mirrored_image(noise):
+    background = np.broadcast_to(np.linspace(0.2, 0.6, 64)[None, :, None], (64, 64, 3))
+    image = background + np.random.default_rng(0).normal(0, noise, background.shape)
+    assert not seems_mirrored(before_it(background), image)
+    assert seems_mirrored(before_it(background), image[:, ::-1])
