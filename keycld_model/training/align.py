@@ -52,7 +52,7 @@ class Align(Stage):
         known = known[:: max(1, len(known) // SAMPLE)]
         still = np.median(data.flat_frames[data.spread(SAMPLE)], axis=0) / 255.0
         appearance = {**variables["appearance"], "background": jnp.asarray(still, jnp.float32)}
-        frames = data.flat_frames[known] / 255.0
+        frames = data.flat_frames[known] / np.float32(255)
         appearance["reach"] = _reach(parts, {**variables, "appearance": appearance}, frames, _flat(positions)[known])
         aligned, trusted = jnp.asarray(positions), jnp.asarray(trusted, jnp.float32)
         return {**variables, "appearance": appearance, "aligned": aligned, "trust": trusted}
@@ -97,7 +97,7 @@ def _trusted(trust: NDArray[np.floating]) -> NDArray[np.int64]:
     return chosen if len(chosen) else np.arange(trust.size)
 
 
-def _reach(parts: Parts, variables: Variables, frames: NDArray[np.float64], positions: NDArray[np.float32]) -> Array:
+def _reach(parts: Parts, variables: Variables, frames: NDArray[np.float32], positions: NDArray[np.float32]) -> Array:
     """Distance from the parts within which most of what differs from the still scene lies."""
     still = np.asarray(variables["appearance"]["background"])
     differs = ((frames - still) ** 2).sum(-1).reshape(len(frames), -1)
