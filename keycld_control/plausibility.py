@@ -18,6 +18,7 @@ from keycld_control.plant import LearnedModel, Plant, project
 from keycld_control.skeleton import turned
 from keycld_control.targets import LENGTH_TOLERANCE, as_float
 from keycld_model import physics
+from keycld_model.nets.segments import squared_distance
 
 EVERY = 2
 """Rows apart are the pixels that are looked at, in all columns, for each has its mirrored one."""
@@ -124,11 +125,7 @@ def differences(plant: Plant, known: Plausibility, image: Array, keypoints: Arra
     ends = [(plant.pivot if rod.start is None else points[rod.start], points[rod.end]) for rod in rods]
     alone = set(range(len(points))) - {k for rod in rods for k in (rod.start, rod.end)}
     ends += [(points[k], points[k]) for k in sorted(alone)]
-    distance = jnp.full(known.grid.shape[:2], jnp.inf)
-    for start, end in ends:
-        along, to = end - start, known.grid - start
-        share = jnp.clip((to @ along) / (along @ along + 1e-9), 0.0, 1.0)
-        distance = jnp.minimum(distance, jnp.sum((to - share[..., None] * along) ** 2, axis=-1))
+    distance = jnp.min(jnp.stack([squared_distance(known.grid, start, end) for start, end in ends]), axis=0)
     pixels, background = as_float(image[::EVERY]), known.background[::EVERY]
     differs = jnp.maximum(jnp.mean(jnp.abs(pixels - background), axis=-1) - NOTICED, 0.0)
     near = distance < NEAR**2

@@ -13,6 +13,7 @@ from keycld_envs.progress import progress
 from keycld_model.modules import Parameters, Parts
 from keycld_model.nets.hourglass import grid
 from keycld_model.nets.rigid_parts import COVERED, SOFT
+from keycld_model.numerics import evenly_spaced
 
 Floats = NDArray[np.float32]
 SPREAD = 0.02
@@ -38,7 +39,7 @@ def align(parts: Parts, parameters: Parameters, frames: NDArray[np.uint8], posit
         `[B, n]`.
     """
     pixels = near(parts, parameters, positions)
-    some = np.arange(0, len(frames), max(1, len(frames) // SAMPLE))
+    some = evenly_spaced(len(frames), SAMPLE)
     drawn: Any = jax.jit(jax.vmap(drawing(parts, parameters)))(positions[some], pixels[some])
     misfits = np.mean((np.asarray(drawn) - colours(frames[some], pixels[some])) ** 2, axis=(1, 2))
     noise = np.sqrt(np.median(misfits) + 1e-8)
@@ -53,9 +54,14 @@ def align(parts: Parts, parameters: Parameters, frames: NDArray[np.uint8], posit
 
 
 def drawing(parts: Parts, parameters: Parameters) -> Callable[[Array, Array], Array]:
-    """Colours `[M, 3]` of a frame with the mechanism at `[n]`, at pixels with numbers `[M]`."""
+    """Colours `[M, 3]` of a frame with the mechanism at `[n]`, at pixels with numbers `[M]`.
+
+    What stands still is known from the frames. A gradient for pixels that a part seldom reaches would spoil them, since
+    steps of Adam are as large there as elsewhere.
+    """
     module, places = parts.appearance(parameters), _places(parts)
-    still, pivot = module.background[...].reshape(-1, 3), parameters["dynamics"]["pivot"]
+    still = jax.lax.stop_gradient(module.background[...].reshape(-1, 3))
+    pivot = parameters["dynamics"]["pivot"]
     return lambda x, pixels: module.at(x.reshape(-1, 2), pivot, places[pixels], still[pixels])
 
 
@@ -68,7 +74,7 @@ def distances(parts: Parts, parameters: Parameters, positions: Floats) -> Floats
 
 def near(parts: Parts, parameters: Parameters, positions: Floats) -> NDArray[np.int32]:
     """Numbers `[B, M]` of the pixels within reach of the parts, in each frame as many as the most in any of some."""
-    some = distances(parts, parameters, positions[:: max(1, len(positions) // SAMPLE)])
+    some = distances(parts, parameters, positions[evenly_spaced(len(positions), SAMPLE)])
     reach = float(parameters["appearance"]["reach"]) + 2 * SOFT
     count = int(np.clip((some < reach).sum(1).max(), 1, some.shape[1] // COVERED))
     rows = []

@@ -5,9 +5,7 @@ from flax import nnx
 from jax import Array
 
 from keycld_model.nets.hourglass import Hourglass, fold, grid, unfold
-
-Segment = tuple[int | None, int]
-"""A line between two keypoints, or from the fixed pivot (None) to a keypoint."""
+from keycld_model.nets.segments import Segment, squared_distance
 
 
 class Renderer(nnx.Module):
@@ -57,18 +55,11 @@ class Renderer(nnx.Module):
     def maps(self, keypoints: Array, pivot: Array) -> Array:
         """Gaussian maps (equation 9), then distance maps of the segments, `[B, H, W, C]`."""
         cells = grid(*self.image_shape, 1)[None]
-
-        def distance(a: Array, b: Array) -> Array:
-            a, b = a[:, None, None], b[:, None, None]
-            along = b - a
-            t = jnp.clip(jnp.sum((cells - a) * along, -1) / (jnp.sum(along**2, -1) + 1e-6), 0.0, 1.0)
-            return jnp.sum((cells - a - t[..., None] * along) ** 2, -1)
-
         points = [keypoints[:, k] for k in range(keypoints.shape[1])]
         squared = [(jnp.sum((cells - p[:, None, None]) ** 2, -1), self.gaussian_widths) for p in points]
         for start, end in self.segments:
             a = jnp.broadcast_to(pivot, points[end].shape) if start is None else points[start]
-            squared.append((distance(a, points[end]), self.segment_widths))
+            squared.append((squared_distance(cells, a[:, None, None], points[end][:, None, None]), self.segment_widths))
         return jnp.stack([jnp.exp(-d / (2 * s**2)) for d, widths in squared for s in widths], axis=-1)
 
     def __call__(self, keypoints: Array, pivot: Array) -> Array:

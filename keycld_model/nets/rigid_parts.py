@@ -9,6 +9,7 @@ from jax import Array
 
 from keycld_envs.mechanism import Mechanism
 from keycld_model.nets.hourglass import grid
+from keycld_model.nets.segments import squared_distance
 
 SCALE = 0.12
 """Image units (4 of 64 pixels) by which coordinates of a part are divided before they enter its network."""
@@ -120,12 +121,11 @@ class RigidParts(nnx.Module):
 
     def distance(self, keypoints: Array, pivot: Array, pixels: Array) -> Array:
         """`[M]` from pixels `[M, 2]` to the nearest rod or loose keypoint, image units."""
-        found = []
-        for i in range(len(self.parts)):
-            along, across, length = self._place(i, keypoints, pivot, pixels)
-            beyond = jnp.maximum(jnp.maximum(-along, along - length), 0.0)
-            found.append(jnp.sqrt(beyond**2 + across**2))
-        return jnp.min(jnp.stack(found), axis=0)
+        squared = []
+        for start, end in self.parts:
+            origin = pivot if start is None else keypoints[start]
+            squared.append(squared_distance(pixels, origin, origin if end is None else keypoints[end]))
+        return jnp.sqrt(jnp.min(jnp.stack(squared), axis=0))
 
     @property
     def _reach(self) -> Array:

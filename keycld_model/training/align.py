@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from keycld_model.aligned_keypoints import SAMPLE, align, colours, distances, drawing, near
 from keycld_model.modules import Parts
 from keycld_model.nets.rigid_parts import COVERED, SOFT
+from keycld_model.numerics import evenly_spaced
 from keycld_model.places import to_masses
 from keycld_model.training.data import TrainingData
 from keycld_model.training.keypoint_tables import keypoint_table, trajectories, trust
@@ -49,25 +50,26 @@ class Align(Stage):
         measured = to_masses(parts.config.mechanism, variables, jnp.asarray(keypoint_table(parts, variables, data)))
         positions = np.where(trusted[..., None] > TRUSTED, positions, np.asarray(measured))
         known = _trusted(trusted)
-        known = known[:: max(1, len(known) // SAMPLE)]
+        known = known[evenly_spaced(len(known), SAMPLE)]
         still = np.median(data.flat_frames[data.spread(SAMPLE)], axis=0) / 255.0
         appearance = {**variables["appearance"], "background": jnp.asarray(still, jnp.float32)}
-        frames = data.flat_frames[known] / np.float32(255)
+        frames = data.flat_frames[known].astype(np.float32) / 255.0
         appearance["reach"] = _reach(parts, {**variables, "appearance": appearance}, frames, _flat(positions)[known])
         aligned, trusted = jnp.asarray(positions), jnp.asarray(trusted, jnp.float32)
         return {**variables, "appearance": appearance, "aligned": aligned, "trust": trusted}
 
     def prepare(self, parts: Parts, variables: Variables, data: TrainingData) -> Context:
-        """Positions `[N*T, n]`, the frames that count, and the pixels `[N*T, M]` near the parts in each."""
-        positions = _flat(np.asarray(variables["aligned"]))
+        """The frames that count, positions `[B, n]` in them, and the pixels `[B, M]` near the parts."""
         trusted = _trusted(np.asarray(variables["trust"]))
-        return {"positions": positions, "trusted": trusted, "pixels": near(parts, variables, positions)}
+        positions = _flat(np.asarray(variables["aligned"]))[trusted]
+        return {"frames": trusted, "positions": positions, "pixels": near(parts, variables, positions)}
 
     def draw(self, context: Context, data: TrainingData, rng: np.random.Generator) -> Batch:
         """Frames from anywhere, near the parts."""
-        i = rng.choice(context["trusted"], self.batch)
+        i = rng.choice(len(context["frames"]), self.batch)
         pixels = context["pixels"][i]
-        return {"positions": context["positions"][i], "pixels": pixels, "seen": colours(data.flat_frames[i], pixels)}
+        seen = colours(data.flat_frames[context["frames"][i]], pixels)
+        return {"positions": context["positions"][i], "pixels": pixels, "seen": seen}
 
     def loss(self, parts: Parts, variables: Variables, batch: Batch) -> tuple[Array, dict[str, Array]]:
         """Squared error per frame."""

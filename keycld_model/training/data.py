@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Dataset
 from keycld_model.config import ModelConfig
+from keycld_model.numerics import evenly_spaced
 
 SHORTEST = 8
 """Frames; fewer leave nothing to fit a motion to."""
@@ -62,8 +63,7 @@ class TrainingData:
 
     def spread(self, number: int) -> NDArray[np.int64]:
         """Numbers of at most `number` frames of `flat_frames`, from all over the recordings."""
-        count = len(self.flat_frames)
-        return np.linspace(0, count - 1, min(number, count)).astype(int)
+        return evenly_spaced(len(self.flat_frames), number)
 
     @cached_property
     def mean_frame(self) -> NDArray[np.float32]:

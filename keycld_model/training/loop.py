@@ -22,6 +22,7 @@ from keycld_model.config import ModelConfig
 from keycld_model.evaluation.valid_prediction_time import prediction_errors, static_error, valid_frames
 from keycld_model.modules import Parameters, Parts
 from keycld_model.training import log
+from keycld_model.training.align import Align
 from keycld_model.training.data import TrainingData, check_fits
 from keycld_model.training.folder import check_run_folder
 from keycld_model.training.presets import PRESETS, Preset
@@ -112,6 +113,7 @@ def train(
     check_run_folder(out)
     data, test = (TrainingData.from_dataset(part, recipe.length) for part in dataset.split(validation))
     check_fits(data, config, dataset)
+    _check_pictures(config, name, recipe, start)
     meta = {
         "config": config.to_dict(),
         "preset": name,
@@ -132,6 +134,25 @@ def _recipe(preset: str | Preset) -> tuple[str, Preset]:
     if preset not in PRESETS:
         raise InputError(f"There is no preset {preset!r}; there are {', '.join(PRESETS)}.")
     return preset, PRESETS[preset]
+
+
+def _check_pictures(config: ModelConfig, name: str, recipe: Preset, start: Parameters | None) -> None:
+    """Pictures of rigid parts are learned by a stage of their own.
+
+    Raises:
+        InputError: if only the configuration or only the recipe has them.
+    """
+    learned = any(isinstance(stage, Align) for stage in recipe.stages)
+    if config.networks.rigid_parts and not learned and start is None:
+        raise InputError(
+            f"networks.rigid_parts is True, but the recipe {name!r} has no stage Align, which learns their pictures; "
+            "add one after the fits, or set networks.rigid_parts to False."
+        )
+    if learned and not config.networks.rigid_parts:
+        raise InputError(
+            f"The recipe {name!r} has a stage Align, but networks.rigid_parts is False; take the recipe's networks, or "
+            "set networks.rigid_parts to True."
+        )
 
 
 def _origin(dataset: Dataset) -> dict[str, Any]:

@@ -96,10 +96,12 @@ def test_aligned_keypoints_lie_in_joints(filmed):
     there = jnp.zeros(2)
     variables = {**first, "appearance": appearance, "rod_scale": there, "lean": there}
     variables |= {"aligned": jnp.asarray(begun), "trust": jnp.ones((1, FRAMES))}
-    found = np.asarray(trained(Align(steps=400, batch=16, learning_rate=5e-3), parts, variables, data)["aligned"])
+    learned = trained(Align(steps=400, batch=16, learning_rate=5e-3), parts, variables, data)
+    found = np.asarray(learned["aligned"])
     before, after = (np.linalg.norm((x - true)[..., :2], axis=-1).mean() for x in (begun, found))
     assert before == pytest.approx(0.02, rel=1e-3)
     assert after < 0.5 * before
+    np.testing.assert_array_equal(learned["appearance"]["background"], appearance["background"])
 
 
 def test_a_share_of_the_frames_is_aligned_and_teaches(filmed):

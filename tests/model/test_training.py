@@ -33,6 +33,7 @@ from keycld_model.places import (
     to_masses,
 )
 from keycld_model.training import PRESETS, Preset, TrainingData, TrainingError, loop, relocate, train
+from keycld_model.training.align import Align
 from keycld_model.training.discover import Discover
 from keycld_model.training.distil import Distil
 from keycld_model.training.fit import FitTrajectories, FitWindows
@@ -267,6 +268,12 @@ def test_settings_that_cannot_be_used(tmp_path):
     refused("0.02 s", config=replace(CONFIG, timestep=0.01))
     refused("7 frames", dataset=dataset(length=7))
     refused("one recording", dataset=dataset(count=1))
+    pictures = replace(NETWORKS, rigid_parts=True)
+    refused("no stage Align.*rigid_parts to False", config=replace(CONFIG, networks=pictures))
+    refused(
+        "a stage Align.*rigid_parts to True",
+        preset=replace(SHORT, stages=(Align(steps=1, batch=1, learning_rate=1e-3),)),
+    )
     (tmp_path / "file").write_text("")
     refused("file", out=tmp_path / "file")
     (tmp_path / "mine").mkdir()
