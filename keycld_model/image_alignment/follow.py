@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from keycld_model.image_alignment.bank import Bank
 from keycld_model.image_alignment.fit_look import UNSEEN, find_pose
 from keycld_model.image_alignment.light import Light
-from keycld_model.image_alignment.pose import TRUSTED, Pose, align, nothing_moves
+from keycld_model.image_alignment.pose import TRUSTED, Pose, align, align_again, nothing_moves
 from keycld_model.image_alignment.scene import Scene
 from keycld_model.turns import nearest_turn
 
@@ -21,6 +21,11 @@ WORSE = 3.0
 """A misfit, or a share of the motion that is left, of so many times the usual one is looked at again from elsewhere."""
 LEFT = 0.1
 """Share of the motion that any pose may leave: edges drawn in a few shades leave some."""
+AGAIN = 2
+"""Times that poses are fitted again from those around; errors are then half as large, and a third time takes little
+off."""
+AROUND, DEGREE = 3, 3
+"""Frames before and after one, and the degree of the polynomial in time, that tell where to begin."""
 AT_SPEED = 3
 """Frames for which a mechanism goes on as fast as it was while it is not read; swings turn back after longer, and would
 be taken for whole turns."""
@@ -55,14 +60,42 @@ def follow(
             poses.append(replace(poses[-1], explained=0.0, empty=True))
             continue
         guess = _continued(times[: k + 1], poses)
-        pose = None if guess is None else align(scene, look, light, frame, still, guess, near=True)
+        pose = None if guess is None else align(scene, look, light, frame, still, guess, near=True, finely=False)
         if pose is None or k < 2 or pose.explained < UNSEEN or _unusual(pose, seen[-50:]):
             other = find_pose(scene, look, light, frame, bank, still)
             pose = other if pose is None or other.explained > pose.explained + 0.02 else pose
         near = guess if guess is not None else np.zeros_like(pose.q)
         seen.append(replace(pose, q=nearest_turn(pose.q, near, turn)))
         poses.append(seen[-1])
+    for _ in range(AGAIN):
+        poses = _again(scene, look, light, times, frames, still, poses)
     return poses
+
+
+def _again(
+    scene: Scene,
+    look: Array,
+    light: Light,
+    times: Array,
+    frames: NDArray[np.uint8],
+    still: Image,
+    poses: Sequence[Pose],
+) -> list[Pose]:
+    """Poses that explain more where they begin from those of the frames around; of frames that show none, the same."""
+    known = [k for k, pose in enumerate(poses) if pose.readable]
+    out, turn = list(poses), turning(scene.model)
+    q, usual = np.array([pose.q for pose in poses])[known], np.median([poses[k].left for k in known])
+    for i, k in enumerate(known):
+        frame, start = frames[k].astype(np.float32), q[i]
+        if len(known) > 2 * AROUND:
+            first = min(max(0, i - AROUND), len(known) - 2 * AROUND - 1)
+            around = [j for j in range(first, first + 2 * AROUND + 1) if j != i]
+            start = np.polynomial.polynomial.polyfit(times[known][around] - times[k], q[around], DEGREE)[0]
+        pose = align_again(scene, look, light, frame, still, start, poses[k])
+        if pose.left > WORSE * usual:
+            pose = min(pose, align(scene, look, light, frame, still, pose.q, near=True), key=lambda each: each.left)
+        out[k] = replace(pose, q=nearest_turn(pose.q, poses[k].q, turn))
+    return out
 
 
 def turning(model: mujoco.MjModel) -> NDArray[np.bool_]:

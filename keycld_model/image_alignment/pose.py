@@ -1,6 +1,6 @@
 """Joint positions of one frame: Gauss-Newton on the difference between what is shown and what is drawn."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,7 @@ class Pose:
         q: `[nq]` joint positions, rad or m.
         covariance: `[nq, nq]` from the curvature of the fit and the size of residuals, as if pixels were independent.
         misfit: robust standard deviation of the residuals where something moves, grey levels.
+        left: sum of the squares of grey levels that its drawing leaves of the frame.
         explained: share of what differs from the scene without this motion that the pose explains, 1 at best.
         uncertainty: standard deviation of the joint that the frame shows worst, as its links move in the image, pixels;
             by those pixels alone that change in proportion to it, which the stub of a link at the border has none of.
@@ -66,6 +67,7 @@ class Pose:
     q: Array
     covariance: Array
     misfit: float
+    left: float
     explained: float
     uncertainty: float
     in_view: float
@@ -82,7 +84,9 @@ class Pose:
         return self.explained >= TRUSTED and self.uncertainty <= UNCERTAIN and self.in_view >= IN_VIEW
 
 
-def align(scene: Scene, look: Array, light: Light, frame: Image, still: Image, start: Array, near: bool) -> Pose:
+def align(
+    scene: Scene, look: Array, light: Light, frame: Image, still: Image, start: Array, near: bool, finely: bool = True
+) -> Pose:
     """Fit joint positions to a frame.
 
     Args:
@@ -94,14 +98,18 @@ def align(scene: Scene, look: Array, light: Light, frame: Image, still: Image, s
         start: `[nq]` positions to begin from.
         near: these are within a pixel, probably; if that turns out to be wrong, or if they are not, softened images
             come first.
+        finely: take the last steps in any case; a pose near its start is up to twice as far off without them.
     """
     fit = _Fit(scene, look, light, frame)
-    if not near or fit.converge(start, 0.0) >= LOST or fit.moved(start) >= NEARBY:
+    astray = not near or fit.converge(start, 0.0) >= LOST or fit.moved(start) >= NEARBY
+    if astray:
         q = start
         for soft in SOFT:
             fit.converge(q, soft)
             q = fit.q
         fit.converge(q, 0.0)
+    if not (finely or astray):
+        return fit.pose(still)
     for _ in range(AGAIN):
         q = fit.q
         fit.converge(q, 0.0, FINE)
@@ -111,6 +119,26 @@ def align(scene: Scene, look: Array, light: Light, frame: Image, still: Image, s
     else:
         fit.converge(fit.q, 0.0, FINE)
     return fit.pose(still)
+
+
+def align_again(scene: Scene, look: Array, light: Light, frame: Image, still: Image, start: Array, pose: Pose) -> Pose:
+    """A pose by the last steps from elsewhere nearby, if it leaves less of the frame, or the same pose.
+
+    Edges are drawn in a few shades, so that what a drawing leaves has many small minima, and steps end in the nearest.
+
+    Args:
+        scene: that draws.
+        look: `[p]` of the scene.
+        light: of the recording.
+        frame: `[H, W, 3]`, 0 to 255.
+        still: what the recording shows where nothing moves.
+        start: `[nq]` positions to begin from.
+        pose: the best so far.
+    """
+    fit = _Fit(scene, look, light, frame)
+    fit.converge(start, 0.0, FINE)
+    new = fit.pose(still)
+    return new if new.left < pose.left else replace(pose, covariance=new.covariance, uncertainty=new.uncertainty)
 
 
 class _Fit:
@@ -128,7 +156,7 @@ class _Fit:
         """The best one."""
         share = explained_share(self._frame, self._drawn, still)
         in_view = self._scene.in_view(self.q, self._look)
-        return Pose(self.q, self._covariance, self._misfit, share, self._uncertainty, in_view)
+        return Pose(self.q, self._covariance, self._misfit, self._cost, share, self._uncertainty, in_view)
 
     def moved(self, start: Array) -> float:
         """How far the best pose is from one that was begun from, in steps of finite differences."""

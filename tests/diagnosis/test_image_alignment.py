@@ -160,7 +160,7 @@ def test_frames_that_the_mechanism_has_left_do_not_count_against_the_picture():
     assert nothing_moves(noisy, still)
     assert not nothing_moves(seen, still)
     assert not nothing_moves(still + 30, still)  # a flash is something else
-    pose = Pose(np.zeros(1), np.zeros((1, 1)), 2.0, 0.9, 0.1, 0.3)
+    pose = Pose(np.zeros(1), np.zeros((1, 1)), 2.0, 1.0, 0.9, 0.1, 0.3)
     assert pose.out_of_view and not pose.readable
     assert not replace(pose, in_view=0.8).out_of_view
     assert not replace(pose, explained=0.2).out_of_view  # of what is somewhere else, nothing is known
