@@ -18,13 +18,16 @@ from keycld_model.turns import nearest_turn
 Array = NDArray[np.float64]
 EXACT = 0.2
 """Share of the usual error that any frame has at least."""
+OF_A_CAMERA = 1.2
+"""Variance of errors in a camera's frames over that in frames that are drawn: these can be drawn exactly, with the look
+that drew them, so that what a drawing leaves has a deeper minimum at the right position."""
 READ_AGAIN = 40
 """Frames of a recording that are read again."""
 ASTRAY = 1.0
 """Pixels; a position that is read so far from where it was drawn is that of something else."""
 MOST_ASTRAY = 0.1
 """Share of the frames drawn at known positions that may be read astray."""
-APART = 1.0
+APART = 1.5
 """Pixels; what a frame shows beside its drawing is of another edge where the mechanism is so far away, at least. Two
 frames are on either side of a third whose positions are less than half as far from their mean."""
 NEAREST = 60
@@ -35,7 +38,8 @@ class ReadAgain(NamedTuple):
     """What reading frames again that were drawn at known positions gave.
 
     Attributes:
-        error: `[T, nq]` rad or m, but for whole turns, which nobody counts while a link is out of view.
+        error: `[T, nq]` rad or m, as large as a camera's frames would have it, but for whole turns, which nobody counts
+            while a link is out of view.
         unexplained: `[T]` share of what moves that the drawing at the position that was read does not explain. Frames
             that are read again have what two frames leave, so that these are scaled to what one leaves on average.
         fit_variance: `[T, nq]` variance by the curvature of the fit, (rad or m)^2, scaled likewise.
@@ -97,7 +101,7 @@ def reading_error(
         return nothing
     before = [poses[k] for k in known[part]]
     unexplained, fit_variance = (_as_of(of(before), of(kept)) for of in (unexplained_by, fit_variance_of))
-    return ReadAgain(error[good], unexplained, fit_variance, pixels[good])
+    return ReadAgain(np.sqrt(OF_A_CAMERA) * error[good], unexplained, fit_variance, pixels[good])
 
 
 def _as_of(first: Array, again: Array) -> Array:

@@ -26,6 +26,10 @@ AGAIN = 2
 off."""
 AROUND, DEGREE = 3, 3
 """Frames before and after one, and the degree of the polynomial in time, that tell where to begin."""
+FAR = 2.0
+"""Robust standard deviations; poses so far from where those around lead to are fitted twice more, from elsewhere."""
+ELSEWHERE = (0.5, -0.5)
+"""Beyond where those around lead to, shares of the way from a pose to there."""
 AT_SPEED = 3
 """Frames for which a mechanism goes on as fast as it was while it is not read; swings turn back after longer, and would
 be taken for whole turns."""
@@ -67,8 +71,8 @@ def follow(
         near = guess if guess is not None else np.zeros_like(pose.q)
         seen.append(replace(pose, q=nearest_turn(pose.q, near, turn)))
         poses.append(seen[-1])
-    for _ in range(AGAIN):
-        poses = _again(scene, look, light, times, frames, still, poses)
+    for beyond in (*[0.0] * AGAIN, *ELSEWHERE):
+        poses = _again(scene, look, light, times, frames, still, poses, beyond)
     return poses
 
 
@@ -80,21 +84,44 @@ def _again(
     frames: NDArray[np.uint8],
     still: Image,
     poses: Sequence[Pose],
+    beyond: float,
 ) -> list[Pose]:
-    """Poses that explain more where they begin from those of the frames around; of frames that show none, the same."""
+    """Poses that begin from where those around lead to, or beyond, or the old ones, where these leave less of a frame.
+
+    Args:
+        scene: that draws.
+        look: `[p]` of the scene.
+        light: of the recording.
+        times: `[T]` of the frames, s.
+        frames: `[T, H, W, 3]`.
+        still: what the recording shows where nothing moves.
+        poses: of the frames.
+        beyond: share of the way to there; if it is not 0, poses that are near stay.
+    """
     known = [k for k, pose in enumerate(poses) if pose.readable]
     out, turn = list(poses), turning(scene.model)
-    q, usual = np.array([pose.q for pose in poses])[known], np.median([poses[k].left for k in known])
-    for i, k in enumerate(known):
-        frame, start = frames[k].astype(np.float32), q[i]
-        if len(known) > 2 * AROUND:
-            first = min(max(0, i - AROUND), len(known) - 2 * AROUND - 1)
-            around = [j for j in range(first, first + 2 * AROUND + 1) if j != i]
-            start = np.polynomial.polynomial.polyfit(times[known][around] - times[k], q[around], DEGREE)[0]
-        pose = align_again(scene, look, light, frame, still, start, poses[k])
+    if not known:
+        return out
+    q = np.array([poses[k].q for k in known])
+    way = _led_to(times[known], q) - q
+    far = (np.abs(way) > FAR * 1.4826 * np.median(np.abs(way), axis=0)).any(axis=1)
+    usual = np.median([poses[k].left for k in known])
+    for i in np.flatnonzero(far) if beyond else range(len(known)):
+        old, frame = poses[known[i]], frames[known[i]].astype(np.float32)
+        pose = align_again(scene, look, light, frame, still, q[i] + (1 + beyond) * way[i], old)
         if pose.left > WORSE * usual:
             pose = min(pose, align(scene, look, light, frame, still, pose.q, near=True), key=lambda each: each.left)
-        out[k] = replace(pose, q=nearest_turn(pose.q, poses[k].q, turn))
+        out[known[i]] = replace(pose, q=nearest_turn(pose.q, old.q, turn))
+    return out
+
+
+def _led_to(times: Array, q: Array) -> Array:
+    """Where the poses around lead to at each time, `[T, nq]`; where they are, if they are too few."""
+    out = q.copy()
+    for k in range(len(q) if len(q) > 2 * AROUND else 0):
+        first = min(max(0, k - AROUND), len(q) - 2 * AROUND - 1)
+        around = [j for j in range(first, first + 2 * AROUND + 1) if j != k]
+        out[k] = np.polynomial.polynomial.polyfit(times[around] - times[k], q[around], DEGREE)[0]
     return out
 
 

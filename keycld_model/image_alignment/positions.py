@@ -42,7 +42,7 @@ Image = NDArray[np.float32]
 Job = tuple[Light, Array, NDArray[np.uint8]]
 FRAMES = 18
 """Frames that the look is fitted to."""
-TESTED = 4
+TESTED = 6
 """Recordings of which some frames are drawn and read again, for their error."""
 CHANGED = 8
 """Frames of a recording, or a few more, that tell what errors of the look do to positions."""
