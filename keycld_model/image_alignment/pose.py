@@ -138,7 +138,12 @@ def align_again(scene: Scene, look: Array, light: Light, frame: Image, still: Im
     fit = _Fit(scene, look, light, frame)
     fit.converge(start, 0.0, FINE)
     new = fit.pose(still)
-    return new if new.left < pose.left else replace(pose, covariance=new.covariance, uncertainty=new.uncertainty)
+    if new.left < pose.left:
+        return new
+    away = np.abs((start - pose.q) / scene.joint_steps(pose.q, look)).max()
+    if away >= NEARBY or not np.isfinite(new.left):  # what the drawing there tells is not the pose's
+        return pose
+    return replace(pose, covariance=new.covariance, uncertainty=new.uncertainty)
 
 
 class _Fit:
