@@ -16,6 +16,7 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from keycld_model.modules import Parts
+from keycld_model.numerics import evenly_spaced
 from keycld_model.physics import lumped
 from keycld_model.places import to_masses
 from keycld_model.training.actuation import joint_forces
@@ -265,7 +266,7 @@ class Problem:
     def _works(self, thetas: Vector) -> Vector:
         """`[b, w]` forces of motors along what can move, for parameters `[b, p]`, in poses from all recordings."""
         seen = self._data[0].reshape(-1, 2 * self.mechanism.num_keypoints)
-        seen = seen[np.linspace(0, len(seen) - 1, min(POSES, len(seen))).astype(int)]
+        seen = seen[evenly_spaced(len(seen), POSES)]
         x = to_masses(self.mechanism, self.first, seen) if self.coordinates.at_masses else seen
         model = self.coordinates.parts.lagrangian(self.first)
         free = jax.vmap(model.tangent_space)(x)
