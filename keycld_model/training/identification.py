@@ -38,6 +38,9 @@ POSES = 200
 ELSEWHERE = 0.1
 """Share of the work of motors that forces at joints do not do, below which motors act at joints: training leaves some
 percent, and a fan in place of a motor is of the order of one."""
+IDLE = 1e-3
+"""Work of a force, relative to the most that one of its size does, below which the fit with a price begins without it:
+recordings do not tell of it, and numerical errors have made it anything."""
 LEAN = 0.03
 """Standard deviation of `lean` before it is known; the fit after the next distillation finds what this held back."""
 
@@ -111,7 +114,7 @@ def _sparse(problem: "Problem", fit: Fit, iterations: int, acting: bool) -> Fit:
     directions = problem.directions_at_joints(still)
     joints, cost = minimise(problem, problem.with_motors_at_joints(fit)[0], iterations, hardly, directions)
     cost += problem.worth(problem.costs(joints), problem.forces_at_joints.shape[1])
-    anything, other = minimise(problem, fit, iterations, problem.price)
+    anything, other = minimise(problem, problem.without_idle_forces(fit), iterations, problem.price)
     if acting:
         absent = problem.absent(anything.theta)
         fewer = anything._replace(theta=np.where(absent, 0, anything.theta))
@@ -257,6 +260,13 @@ class Problem:
         sizes = np.linalg.lstsq(works[1:].T, works[0], rcond=None)[0]
         left = np.linalg.norm(works[0] - works[1:].T @ sizes) / max(np.linalg.norm(works[0]), np.finfo(float).tiny)
         return fit._replace(theta=fit.theta - forces + self.forces_at_joints @ sizes), bool(left < ELSEWHERE)
+
+    def without_idle_forces(self, fit: Fit) -> Fit:
+        """The same without forces of motors that do no work: along rods, across rails, on what is held."""
+        units = along(self._of_motors)
+        works = self._works(units.T).T
+        working = np.linalg.pinv(works, rcond=IDLE) @ works
+        return fit._replace(theta=np.where(self._of_motors, units @ working @ units.T @ fit.theta, fit.theta))
 
     @cached_property
     def _of_motors(self) -> NDArray[np.bool_]:
