@@ -41,6 +41,7 @@ from keycld_model.diagnosis.verdict.decide import (
     decide_on_residual,
     doubted,
     never_worse,
+    settled,
 )
 from keycld_model.diagnosis.verdict.dropped import Dropped
 from keycld_model.diagnosis.verdict.evidence import evidence
@@ -195,6 +196,8 @@ def _report(
     refitted, dropped = explained.refitted, Dropped()
     tested = HeldOut.of(test, refitted)
     before = tested.short(refitted)
+    if not budget.leaves_out("sets nearly as good, on held-out recordings"):
+        explained = settled(explained, tested)
     judged = _judged(explained, tested, before, dropped, budget, advance)
     weak = explained.of_weak_effect if judged.concluded.unknown else None
     if weak is not None and not budget.leaves_out("an effect in place of the unknown force"):

@@ -17,8 +17,11 @@ from keycld_model.training.data import TrainingData
 from keycld_model.training.keypoint_tables import keypoint_table, trajectories, trust
 from keycld_model.training.stage import Batch, Context, Stage, Variables
 
-WITHIN = 0.98
-"""Share of what differs from the still scene that lies within the parts' reach."""
+RING = 0.015
+"""Steps in which distances from the parts are looked at, image units (half of one of 64 pixels)."""
+FAINT = 0.01
+"""Share of the most that differs from the still scene at any distance, below which parts end; shadows and reflections
+differ, too, farther away."""
 REACHES = (0.06, 0.3)
 """Least and greatest reach of a part beyond its rod, image units."""
 TRUSTED = 0.5
@@ -100,13 +103,16 @@ def _trusted(trust: NDArray[np.floating]) -> NDArray[np.int64]:
 
 
 def _reach(parts: Parts, variables: Variables, frames: NDArray[np.float32], positions: NDArray[np.float32]) -> Array:
-    """Distance from the parts within which most of what differs from the still scene lies."""
+    """Distance from the parts beyond which hardly anything differs from the still scene."""
     still = np.asarray(variables["appearance"]["background"])
     differs = ((frames - still) ** 2).sum(-1).reshape(len(frames), -1)
     differs = np.maximum(differs - 9 * np.median(differs), 0)  # the median is the noise's
     every = distances(parts, variables, positions)
     covered = np.sort(every, axis=1)[:, every.shape[1] // COVERED - 1].min() - 2 * SOFT
-    order = np.argsort(every, axis=None)
-    total = np.cumsum(differs.ravel()[order])
-    found = every.ravel()[order][np.searchsorted(total, WITHIN * total[-1])]
+    rings = (every / RING).astype(int).ravel()
+    shares = np.bincount(rings, differs.ravel()) / np.maximum(np.bincount(rings), 1)
+    shares = shares[: round(REACHES[1] / RING)]
+    brightest = int(shares.argmax())
+    faint = brightest + np.flatnonzero(shares[brightest:] < FAINT * shares[brightest])
+    found = RING * faint[0] if len(faint) else REACHES[1]
     return jnp.asarray(min(np.clip(found, *REACHES), covered), jnp.float32)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants import problem_of, recordings
 
-from keycld_envs.effects import BaseMotion, ViscousFriction
+from keycld_envs.effects import BaseMotion, CoulombFriction, ViscousFriction
 from keycld_envs.errors import InputError
 from keycld_envs.systems import get_system
 from keycld_model.diagnosis import diagnose
@@ -19,7 +19,7 @@ from keycld_model.diagnosis.search.criterion import Scored
 from keycld_model.diagnosis.search.explain import Explanation
 from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.simulation.simulator import Simulator
-from keycld_model.diagnosis.verdict.decide import Conclusion, decide_on_named, doubted
+from keycld_model.diagnosis.verdict.decide import Conclusion, decide_on_named, doubted, settled
 from keycld_model.diagnosis.verdict.dropped import Dropped
 from keycld_model.diagnosis.verdict.findings import far_off, may_be_absent
 from keycld_model.diagnosis.verdict.held_out import HeldOut
@@ -60,6 +60,25 @@ def test_what_held_out_recordings_deny_as_strongly_as_others_ask_for_it_is_not_s
     assert explained.gain > STANDARD.certain
     concluded = decide_on_named(explained, found, tested.short(refitted), tested)
     assert (concluded.verdict, bool(concluded.findings)) == (expected, expected == "mismatch")
+
+
+@pytest.mark.parametrize(
+    "force, expected",
+    [(lambda t, q, v, u: -0.02 * np.tanh(50 * v), CoulombFriction), (lambda t, q, v, u: -0.02 * v, ViscousFriction)],
+    ids=["dry", "viscous"],
+)
+def test_of_forms_that_training_recordings_hardly_tell_apart_all_recordings_choose(force, expected):
+    """Two recordings of a viscous friction, and others of one form or the other."""
+    model = get_system("pendulum").compile()
+    runs = recordings("pendulum", 0, lambda t, q, v, u: -0.02 * v, number=2, seconds=1.0)
+    others = recordings("pendulum", 1, force, number=15, seconds=1.0)
+    problem = problem_of(Simulator(model, 0.01), runs)
+    refitted, search = minimise(problem, problem.start()), Search(problem)
+    forms = ViscousFriction("hinge", b=0.02), CoulombFriction("hinge", c=0.02)
+    best, other = (search.refine(refitted.point.with_effects(form)) for form in forms)
+    assert best.score < other.score < best.score + 50
+    chosen = settled(Explanation(search, refitted, best, None), HeldOut.of(others, refitted)).best
+    assert isinstance(chosen.fit.effects[0], expected)
 
 
 def test_an_effect_that_only_held_out_recordings_show_clearly_is_named_and_not_called_unknown():

@@ -44,7 +44,7 @@ class Explanation:
     @property
     def gain(self) -> float:
         """Nats of effects and pulses, with their parameters paid for."""
-        return float(self.refitted.cost / self.search.dispersion - _paid(self.best))
+        return float(self.refitted.cost / self.search.dispersion - with_pulses_paid(self.best))
 
     @property
     def of_weak_effect(self) -> "Explanation | None":
@@ -174,7 +174,7 @@ def _with_pulses(refitted: Fit, likely: Fit, search: Search, best: Scored) -> tu
         spurious = pulses and above_noise(found.fit).max() > 0 and found.fit.excess > most
         if spurious and fit is refitted and found.fit.effects:  # found beside effects, pulses may be others
             starts.append(_without_pulses(found.fit))
-        if not spurious and _paid(found) < _paid(best) - search.least(best):
+        if not spurious and with_pulses_paid(found) < with_pulses_paid(best) - search.least(best):
             return other, found
     return search, best
 
@@ -195,7 +195,7 @@ def perhaps_pushed(likely: Fit, best: Fit, residual: Fit | None) -> bool:
     return paid(likely) < residual.cost + numbers
 
 
-def _paid(scored: Scored) -> float:
+def with_pulses_paid(scored: Scored) -> float:
     """Score, with pulses paid for."""
     return scored.score + price(scored.fit.point.variant.pulses, scored.fit.problem.criteria)
 

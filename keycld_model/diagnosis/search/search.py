@@ -161,12 +161,20 @@ class Search:
     def near_forms(self, best: Scored) -> list[Scored]:
         """Sets nearly as good as the best, with a confusable effect in one's place."""
         near = []
-        for s in self.found.values():
-            exchanged = len(s.keys) == len(best.keys) and len(s.keys - best.keys) == 1
+        for s in self._near(best):
             groups = {e.confusable and e.confusable.group for e in changed_effects(best, s)}
-            if exchanged and len(groups) == 1 and None not in groups and s.score < best.score + EFFORT.near_nats:
+            if len(groups) == 1 and None not in groups:
                 near.append(s)
-        return sorted(near, key=score_of)[: EFFORT.near_sets]
+        return near[: EFFORT.near_sets]
+
+    def near(self, best: Scored) -> list[Scored]:
+        """Sets nearly as good as the best, with another effect in one's place."""
+        return self._near(best)[: EFFORT.near_sets]
+
+    def _near(self, best: Scored) -> list[Scored]:
+        """All of them, the best first."""
+        found = [s for keys, s in self.found.items() if len(keys) == len(best.keys) and len(keys - best.keys) == 1]
+        return sorted((s for s in found if s.score < best.score + EFFORT.near_nats), key=score_of)
 
     def _of_best_form(self, best: Scored) -> Scored:
         """Fitted to its end, with the form that explains most by then."""
@@ -179,10 +187,7 @@ class Search:
         while True:
             for effect in best.fit.effects:
                 self.exchange(best, effect)
-            swapped = [
-                s for keys, s in self.found.items() if len(keys) == len(best.keys) and len(keys - best.keys) == 1
-            ]
-            better = min([best, *swapped], key=score_of)
+            better = min([best, *self._near(best)], key=score_of)
             if better is best:
                 return best
             best = better

@@ -24,6 +24,7 @@ class HeldOut:
     windows: Problem
     rollouts: Problem
     _rolled: list[tuple[Fit, Fit]] = field(default_factory=list, repr=False)
+    _predicted: list[tuple[Fit, Fit]] = field(default_factory=list, repr=False)
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], fit: Fit) -> "HeldOut":
@@ -53,8 +54,12 @@ class HeldOut:
         return replace(self.rollouts, windows=windows.recut(samples=samples))
 
     def short(self, fit: Fit) -> Fit:
-        """A fit on windows, nuisances and parameters free as far as the other recordings leave them."""
-        return predict(self.windows, fit)
+        """A fit on windows, nuisances and parameters free as far as the other recordings leave them; once."""
+        for asked, tested in self._predicted:
+            if asked is fit:
+                return tested
+        self._predicted.append((fit, predict(self.windows, fit)))
+        return self._predicted[-1][1]
 
     def continued(self, fit: Fit) -> Fit:
         """A fit on long rollouts, nuisances and parameters free as far as the other recordings leave them."""
