@@ -29,6 +29,8 @@ ATTEMPTS = 6
 """Steps tried, each ten times more cautious, before the fit counts as converged."""
 CONVERGED = 1e-6
 """Relative gain of a step below which the fit counts as converged."""
+LOST = 10.0
+"""Cost of a recording, relative to a typical one's, from which its trajectory is another one's."""
 NEGLIGIBLE = 0.01
 """A motor's influence on a keypoint, relative to its greatest on any, that hardly differs from none."""
 ABSENT = 0.03
@@ -130,8 +132,12 @@ def minimise(
     iterations: int,
     price: Callable[[Vector], Vector] = np.zeros_like,
     directions: Vector | None = None,
+    again: bool = True,
 ) -> tuple[Fit, float]:
     """Levenberg-Marquardt on deviations and the price of the parameters.
+
+    With wrong masses, some recordings end on another trajectory; these begin again where they began, with the masses
+    that the others told.
 
     Args:
         problem: what is explained.
@@ -139,10 +145,12 @@ def minimise(
         iterations: at most this many steps.
         price: second derivatives `[p]` of a penalty at a noise of one.
         directions: `[p, q]`, in which parameters move; by default all but `lean`.
+        again: let recordings that were lost begin again, and go on.
 
     Returns:
         The fit, and its cost and price.
     """
+    start = fit
     if directions is None:
         directions = along(~problem.where("lean"))
     damping, cost = 1e-5, np.inf
@@ -162,6 +170,9 @@ def minimise(
         fit, cost, damping = new, after, max(damping / 10, 1e-10)
         if cost > (1 - CONVERGED) * before:
             break
+    if again and (lost := problem.lost(fit, start)).any():
+        x, v = (jnp.where(lost[:, None], old, new) for old, new in ((start.x, fit.x), (start.v, fit.v)))
+        return minimise(problem, Fit(fit.theta, x, v), iterations, price, directions, again=False)
     return fit, float(cost)
 
 
@@ -343,6 +354,11 @@ class Problem:
             "constant_input": value,
         }
         return np.asarray(ravel_pytree(values)[0], np.float64)
+
+    def lost(self, fit: Fit, start: Fit) -> NDArray[np.bool_]:
+        """`[N]` recordings that are far from their keypoints, and less so from the states of another fit."""
+        now, then = self.costs(fit), self.costs(start._replace(theta=fit.theta))
+        return (now > LOST * np.median(now)) & (then < now)
 
     def costs(self, fit: Fit) -> Vector:
         """`[N]`."""
