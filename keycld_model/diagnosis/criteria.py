@@ -73,6 +73,7 @@ class Criteria:
         certain: nats that findings must gain, their parameters paid for, on training and held-out recordings together,
             for the verdict "mismatch".
         doubtful: nats below which findings are not mentioned, and changes of a fit or an experiment do not matter.
+        alike: nats up to which two sets are the same: a latency of the only sensor, and a delay of the only motor.
         rival: nats within which a set of effects is not excluded by the best one.
         effect: nats that an effect must gain beyond the price of its parameters, for it was one among hundreds.
         effect_share: share of all that a set gains that each of its effects must gain, and further numbers of a form;
@@ -129,6 +130,7 @@ class Criteria:
 
     certain: float = 10.0
     doubtful: float = 3.0
+    alike: float = 0.1
     rival: float = 4.0
     effect: float = 6.0
     effect_share: float = 0.0005

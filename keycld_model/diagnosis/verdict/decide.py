@@ -48,13 +48,17 @@ def settled(explained: Explanation, held_out: HeldOut) -> Explanation:
     Small errors that go with the pose, of positions that are read off frames above all, weigh as much there as two
     forms differ, and are others in other recordings.
     """
-    near = explained.search.near(explained.best)
+    best, near = explained.best, explained.search.near(explained.best)
+    if not near:
+        return explained
 
     def worth(scored: Scored) -> float:
         told = predicted(held_out.short(scored.fit)) / explained.search.dispersion
         return told - with_pulses_paid(scored)
 
-    return replace(explained, best=max([explained.best, *near], key=worth)) if near else explained
+    likeliest = max(near, key=worth)
+    alike = best.fit.problem.criteria.alike
+    return replace(explained, best=likeliest) if worth(likeliest) > worth(best) + alike else explained
 
 
 def decide_on_named(explained: Explanation, found: list[Finding], before: Fit, held_out: HeldOut) -> Conclusion:
