@@ -196,8 +196,9 @@ def _report(
     refitted, dropped = explained.refitted, Dropped()
     tested = HeldOut.of(test, refitted)
     before = tested.short(refitted)
-    if not budget.leaves_out("sets nearly as good, on held-out recordings"):
-        explained = settled(explained, tested)
+    near = explained.search.near(explained.best)
+    if near and not budget.leaves_out("sets nearly as good, on held-out recordings"):
+        explained = settled(explained, near, tested)
     judged = _judged(explained, tested, before, dropped, budget, advance)
     weak = explained.of_weak_effect if judged.concluded.unknown else None
     if weak is not None and not budget.leaves_out("an effect in place of the unknown force"):

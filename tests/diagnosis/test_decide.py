@@ -77,7 +77,9 @@ def test_of_forms_that_training_recordings_hardly_tell_apart_all_recordings_choo
     forms = ViscousFriction("hinge", b=0.02), CoulombFriction("hinge", c=0.02)
     best, other = (search.refine(refitted.point.with_effects(form)) for form in forms)
     assert best.score < other.score < best.score + 50
-    chosen = settled(Explanation(search, refitted, best, None), HeldOut.of(others, refitted)).best
+    explained, tested = Explanation(search, refitted, best, None), HeldOut.of(others, refitted)
+    assert search.near(best) == [other]
+    chosen = settled(explained, [other], tested).best
     assert isinstance(chosen.fit.effects[0], expected)
 
 

@@ -1,5 +1,6 @@
 """What may be said, by recordings that no fit has seen."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -42,21 +43,18 @@ class Conclusion:
         return bool(self.findings) and all(finding.effect == ResidualForce.id for finding in self.findings)
 
 
-def settled(explained: Explanation, held_out: HeldOut) -> Explanation:
-    """With that set which all recordings say is best, of those that training recordings hardly tell apart.
+def settled(explained: Explanation, near: Sequence[Scored], held_out: HeldOut) -> Explanation:
+    """With that set which all recordings say is best, of those `near` that training recordings hardly tell apart.
 
     Small errors that go with the pose, of positions that are read off frames above all, weigh as much there as two
     forms differ, and are others in other recordings.
     """
-    best, near = explained.best, explained.search.near(explained.best)
-    if not near:
-        return explained
 
     def worth(scored: Scored) -> float:
         told = predicted(held_out.short(scored.fit)) / explained.search.dispersion
         return told - with_pulses_paid(scored)
 
-    likeliest = max(near, key=worth)
+    best, likeliest = explained.best, max(near, key=worth)
     alike = best.fit.problem.criteria.alike
     return replace(explained, best=likeliest) if worth(likeliest) > worth(best) + alike else explained
 
