@@ -15,7 +15,7 @@ from keycld_model.config import ModelConfig, NetworkConfig
 from keycld_model.modules import Parts
 from keycld_model.nets import RigidParts, rigid_parts
 from keycld_model.nets.rigid_parts import sine
-from keycld_model.training.align import Align
+from keycld_model.training.align import REACHES, Align, _reach
 from keycld_model.training.data import TrainingData
 from keycld_model.training.sharding import Devices
 from keycld_model.training.step import make_step
@@ -81,6 +81,17 @@ def filmed():
             frames.append(env.render_frame(width=64, height=64))
             keypoints.append(env.keypoints().ravel())
     return np.stack(frames)[None], np.array(keypoints, np.float32)[None]
+
+
+@pytest.mark.slow
+def test_shadows_and_reflections_are_no_parts(filmed):
+    """They differ from the still scene, too: of what does, less than .98 lies within .3 image units of the links."""
+    frames, true = filmed[0][0] / 255.0, filmed[1][0]
+    parts = Parts(ModelConfig(DOUBLE, 0.01, networks=NetworkConfig(rigid_parts=True)))
+    first = parts.initial(0)
+    still = jnp.asarray(np.median(frames, axis=0), jnp.float32)
+    variables = {**first, "appearance": {**first["appearance"], "background": still}}
+    assert REACHES[0] <= _reach(parts, variables, frames.astype(np.float32), true) < 0.1
 
 
 @pytest.mark.slow
