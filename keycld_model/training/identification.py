@@ -357,8 +357,9 @@ class Problem:
 
     def lost(self, fit: Fit, start: Fit) -> NDArray[np.bool_]:
         """`[N]` recordings that are far from their keypoints, and less so from the states of another fit."""
-        now, then = self.costs(fit), self.costs(start._replace(theta=fit.theta))
-        return (now > LOST * np.median(now)) & (then < now)
+        now = self.costs(fit)
+        far = now > LOST * np.median(now)
+        return far & (self.costs(start._replace(theta=fit.theta)) < now) if far.any() else far
 
     def costs(self, fit: Fit) -> Vector:
         """`[N]`."""

@@ -19,9 +19,9 @@ class Effort:
         rotor_windows: windows that choose among starts of rotors.
         rotor_starts: starts of rotors that are followed further.
         tried_nats: nats that an effect seems to be worth below which the set is fitted without it.
-        near_nats: nats behind the best within which sets of confusable effects may be better when they are fitted to
-            their end, or with shorter steps.
-        near_sets: sets of confusable effects that are tried so.
+        near_nats: nats behind the best within which sets may be better by held-out recordings, and those of confusable
+            effects when they are fitted to their end, or with shorter steps.
+        near_sets: sets that are tried so.
         far_behind: share of what pushes explain, where these explain nearly all, below which effects are not exchanged
             for others: one by one, they would have to explain as much again.
     """

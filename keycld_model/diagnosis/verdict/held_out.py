@@ -1,6 +1,6 @@
 """Held-out recordings, in windows and in long rollouts."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -55,11 +55,7 @@ class HeldOut:
 
     def short(self, fit: Fit) -> Fit:
         """A fit on windows, nuisances and parameters free as far as the other recordings leave them; once."""
-        for asked, tested in self._predicted:
-            if asked is fit:
-                return tested
-        self._predicted.append((fit, predict(self.windows, fit)))
-        return self._predicted[-1][1]
+        return _once(self._predicted, fit, lambda: predict(self.windows, fit))
 
     def continued(self, fit: Fit) -> Fit:
         """A fit on long rollouts, nuisances and parameters free as far as the other recordings leave them."""
@@ -67,9 +63,18 @@ class HeldOut:
 
     def long(self, fit: Fit) -> Fit:
         """A fit on long rollouts, with the pulses of the windows: their times are found best there; once."""
-        for asked, rolled in self._rolled:
-            if asked is fit:
-                return rolled
-        pulses = replay(self.windows, fit).point.variant.pulses if fit.point.variant.pulses else ()
-        self._rolled.append((fit, replay(self.rollouts, fit, 12, pulses)))
-        return self._rolled[-1][1]
+
+        def rolled() -> Fit:
+            pulses = replay(self.windows, fit).point.variant.pulses if fit.point.variant.pulses else ()
+            return replay(self.rollouts, fit, 12, pulses)
+
+        return _once(self._rolled, fit, rolled)
+
+
+def _once(known: list[tuple[Fit, Fit]], fit: Fit, test: Callable[[], Fit]) -> Fit:
+    """What a test of a fit gave, or gives now."""
+    for asked, tested in known:
+        if asked is fit:
+            return tested
+    known.append((fit, test()))
+    return known[-1][1]
