@@ -171,11 +171,13 @@ from keycld_envs.workers import map_in_processes, end_processes
 from work import busy
 
 if __name__ == "__main__":
-    threading.Thread(target=lambda: list(map_in_processes(busy, [0], 1)), daemon=True).start()
+    thread = threading.Thread(target=lambda: list(map_in_processes(busy, [0], 1)))
+    thread.start()
     while not Path("half").exists():
         time.sleep(0.01)
     end_processes(multiprocessing.active_children())
     print(Path("half").exists())
+    thread.join()  # an interpreter that ends while the pool does says more than the worker
 """
     )
     done = subprocess.run([sys.executable, "run.py"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
