@@ -248,7 +248,7 @@ def _judged(
 ) -> _Judged:
     """What held-out recordings say, `before` being the refitted simulator on them."""
     rivals = Rivals.of(explained, dropped, budget)
-    found = [*findings_of(explained.best, rivals, explained.search), *pulses_of(explained.on_all_windows)]
+    found = [*findings_of(explained, rivals), *pulses_of(explained.on_all_windows)]
     advance(10, "testing on held-out recordings")
     named = decide_on_named(explained, found, before, tested)
     left = _left(named, explained, before, tested)

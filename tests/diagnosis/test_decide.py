@@ -21,10 +21,11 @@ from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.simulation.simulator import Simulator
 from keycld_model.diagnosis.verdict.decide import Conclusion, decide_on_named, doubted, settled
 from keycld_model.diagnosis.verdict.dropped import Dropped
-from keycld_model.diagnosis.verdict.findings import far_off, may_be_absent
+from keycld_model.diagnosis.verdict.findings import far_off, findings_of, may_be_absent
 from keycld_model.diagnosis.verdict.held_out import HeldOut
 from keycld_model.diagnosis.verdict.other_way_round import other_way_round
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, FitErrors, Unexplained
+from keycld_model.diagnosis.verdict.rivals import Rivals
 
 
 def test_a_step_in_which_numbers_run_away_is_left_out_with_a_line():
@@ -79,8 +80,11 @@ def test_of_forms_that_training_recordings_hardly_tell_apart_all_recordings_choo
     assert best.score < other.score < best.score + 50
     explained, tested = Explanation(search, refitted, best, None), HeldOut.of(others, refitted)
     assert search.near(best) == [other]
-    chosen = settled(explained, [other], tested).best
-    assert isinstance(chosen.fit.effects[0], expected)
+    chosen = settled(explained, [other], tested)
+    (effect,) = chosen.best.fit.effects
+    assert isinstance(effect, expected)
+    (finding,) = findings_of(chosen, Rivals(chosen, {effect.key: []}, Dropped()))
+    assert finding.confidence > 0.9
 
 
 def test_an_effect_that_only_held_out_recordings_show_clearly_is_named_and_not_called_unknown():

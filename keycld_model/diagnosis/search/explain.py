@@ -1,7 +1,7 @@
 """What explains the training recordings: effects, pushes, or a residual force; with steps that are short enough."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -19,7 +19,7 @@ from keycld_model.diagnosis.search.budget import Budget, OutOfTime
 from keycld_model.diagnosis.search.criterion import Scored, above_noise, dispersion, penalty, score_of
 from keycld_model.diagnosis.search.effort import EFFORT
 from keycld_model.diagnosis.search.residual_fit import fit_residual_force, freedom
-from keycld_model.diagnosis.search.search import Search
+from keycld_model.diagnosis.search.search import Keys, Search
 from keycld_model.diagnosis.simulation.simulator import Simulator
 
 Refined = Callable[[Scored | None], None]
@@ -34,12 +34,18 @@ class Explanation:
         refitted: nuisances alone.
         best: with effects or pulses.
         residual: refitted, with a residual force; None where it was not needed.
+        leads: nats by which all recordings prefer the best set to others, where held-out ones were asked.
     """
 
     search: Search
     refitted: Fit
     best: Scored
     residual: Fit | None
+    leads: Mapping[Keys, float] = field(default_factory=dict)
+
+    def lead(self, other: Scored) -> float:
+        """Nats by which the best set is preferred to another; by training recordings, where no others were asked."""
+        return self.leads.get(other.keys, other.score - self.best.score)
 
     @property
     def gain(self) -> float:

@@ -54,9 +54,12 @@ def settled(explained: Explanation, near: Sequence[Scored], held_out: HeldOut) -
         told = predicted(held_out.short(scored.fit)) / explained.search.dispersion
         return told - with_pulses_paid(scored)
 
-    best, likeliest = explained.best, max(near, key=worth)
-    alike = best.fit.problem.criteria.alike
-    return replace(explained, best=likeliest) if worth(likeliest) > worth(best) + alike else explained
+    sets = {scored.keys: scored for scored in (explained.best, *near)}
+    worths = {keys: worth(scored) for keys, scored in sets.items()}
+    best, likeliest = explained.best.keys, max(worths, key=worths.__getitem__)
+    if worths[likeliest] > worths[best] + explained.best.fit.problem.criteria.alike:
+        best = likeliest
+    return replace(explained, best=sets[best], leads={keys: worths[best] - told for keys, told in worths.items()})
 
 
 def decide_on_named(explained: Explanation, found: list[Finding], before: Fit, held_out: HeldOut) -> Conclusion:

@@ -10,8 +10,8 @@ import numpy as np
 from keycld_envs.effects import Effect, ExternalPulse, Parameter, effect_class
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.pulses import joined
-from keycld_model.diagnosis.search.criterion import Scored, above_noise, left_of_noise
-from keycld_model.diagnosis.search.search import Search
+from keycld_model.diagnosis.search.criterion import above_noise, left_of_noise
+from keycld_model.diagnosis.search.explain import Explanation
 from keycld_model.diagnosis.verdict.region import shape_of
 from keycld_model.diagnosis.verdict.report import Estimate, Finding, Unexplained
 from keycld_model.diagnosis.verdict.rivals import Rivals
@@ -36,10 +36,11 @@ ALONG = {
 """Units of a slide, for those of a hinge."""
 
 
-def findings_of(best: Scored, rivals: Rivals, search: Search) -> list[Finding]:
+def findings_of(explained: Explanation, rivals: Rivals) -> list[Finding]:
     """One per effect of the best set, with 90 % intervals, and what the data do not exclude in its place."""
+    best, search = explained.best, explained.search
     deviations = iter(best.fit.deviations() * np.sqrt(max(search.dispersion, best.fit.chi_square)))
-    weights = {keys: np.exp(min(0.0, best.score - s.score)) for keys, s in search.found.items()}
+    weights = {keys: np.exp(-max(0.0, explained.lead(s))) for keys, s in search.found.items()}
     total, model = sum(weights.values()), best.fit.problem.simulator.model
     out = []
     for effect in best.fit.effects:
