@@ -30,7 +30,7 @@ def import_data_set(path: Path, args: Args) -> dict[str, Any]:
                     columns = replace(columns, units=expand_units(columns.units, list(episode.table.columns)))
                 recording = episode.recording(columns, **about)
                 write_recording(folder / episode.folder_name(recording.id), recording)
-                samples += len(recording.t_state if recording.t_state is not None else recording.t_frame or ())
+                samples += recording.num_frames if recording.t_state is None else len(recording.t_state)
                 advance()
     except FileExistsError as error:
         raise InputError(f"{args.out} exists already; choose another folder or remove it.") from error

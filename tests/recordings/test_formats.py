@@ -69,6 +69,15 @@ def test_round_trip_with_frames(
 
 
 @pytest.mark.parametrize("to, package, rtol", FORMATS)
+def test_round_trip_of_a_video_alone(to: str, package: str, rtol: float, tmp_path: Path, make_recording: Make) -> None:
+    pytest.importorskip(package)
+    absent: dict[str, Any] = {name: None for name in ("qpos", "qvel", "t_state", "action", "t_action")}
+    recording = make_recording(0, joint_names=(), actuator_names=(), units={}, **absent)
+    (found,) = back(tmp_path, export(tmp_path, to, recording))
+    same(recording, found, rtol)
+
+
+@pytest.mark.parametrize("to, package, rtol", FORMATS)
 def test_round_trip_of_joints_alone(to: str, package: str, rtol: float, tmp_path: Path, make_recording: Make) -> None:
     pytest.importorskip(package)
     qpos = np.random.default_rng(5).normal(size=(8, 2))
