@@ -143,10 +143,20 @@ class ModelConfig:
 
     @classmethod
     def of(cls, dataset: Dataset, mechanism: Mechanism, system: str | None, networks: NetworkConfig) -> "ModelConfig":
-        """For recordings: their frame rate and image size."""
+        """For recordings: their frame rate and image size.
+
+        Raises:
+            InputError: if frames are not square, or do not fit the networks.
+        """
         sequences = dataset.sequences()
         height, width = sequences.frames.shape[2:4]
-        return cls(mechanism, round(sequences.timestep, 9), (height, width), system, networks)
+        config = cls(mechanism, round(sequences.timestep, 9), (height, width), system, networks)
+        if height != width:
+            raise InputError(
+                f"Frames of {width}x{height} pixels are not square, so that rods seem to change their lengths as they "
+                "turn; cut them with `keycld crop`."
+            )
+        return config
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-compatible data, the inverse of `from_dict`."""

@@ -32,6 +32,11 @@ def import_video(path: Path, args: Args) -> dict[str, Any]:
     given = args.film
     cut = film.Cut(given.size, given.frames, given.every, args.licence, args.origin)
     mechanism = None if given.mechanism is None else read_mechanism(given.mechanism)
+    if mechanism is not None and mechanism.num_actions:
+        raise InputError(
+            f"{given.mechanism} declares num_actions={mechanism.num_actions}, but a video tells of no actions, and "
+            "what is learned from it is passive; write num_actions=0, as `keycld new --template video` does."
+        )
     fixed = mechanism is not None and (any(rod.start is None for rod in mechanism.rods) or bool(mechanism.sliders))
     if fixed and given.crop is None and given.pivot is None:
         raise InputError(

@@ -71,7 +71,7 @@ def run(args: Args) -> None:
     weak = []
 
     def warn() -> None:
-        for sentence in weaknesses(dataset, None if name is None else system_of(name)):
+        for sentence in weaknesses(dataset, None if name is None else system_of(name), mechanism):
             print(f"keycld: warning: {sentence}", file=sys.stderr, flush=True)
             weak.append(sentence)
 

@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from keycld_envs.mechanism import Mechanism, Rod
 from keycld_envs.projection import pose
-from keycld_envs.recordings.crop import moving_box, square
+from keycld_envs.recordings.crop import LEVELS, moving_box, square
 from keycld_envs.recordings.dataset import Dataset, Sequences
 from keycld_envs.systems import System
 
@@ -26,14 +27,18 @@ SMALLEST_JOINT = 0.05
 """rad or m; a joint that varies less over all recordings hardly moves."""
 SLOW = 128 * 128
 """Pixels of a frame, beyond which training takes more than four times as long as with 64 x 64."""
+ASIDE = 0.35
+"""Standard deviation of the distance from the pivot of what moves, of its place's. A rod that turns about the pivot has
+.02 to .15, since it has a shadow and an end; pivots that are .2 image units off have .2 to .5, distant ones .6 to .8."""
 
 
-def weaknesses(dataset: Dataset, system: System | None = None) -> Iterator[str]:
+def weaknesses(dataset: Dataset, system: System | None = None, mechanism: Mechanism | None = None) -> Iterator[str]:
     """What is weak, a sentence each with what to record instead; what costs memory comes before it is spent.
 
     Args:
         dataset: the recordings.
         system: the simulation that they are of, if there is one; where keypoints are is then known.
+        mechanism: what is declared of recordings without a simulation.
 
     Raises:
         InputError: if the recordings cannot be stacked.
@@ -45,6 +50,8 @@ def weaknesses(dataset: Dataset, system: System | None = None) -> Iterator[str]:
         yield from (*_still_keypoints(system, data.qpos), *_stops(system, data.qpos))
     else:
         yield from _still_joints(dataset, data)
+    if mechanism is not None and data.qpos is None:
+        yield from _one_rod(mechanism, data)
 
 
 def _amount(data: Sequences) -> list[str]:
@@ -57,16 +64,21 @@ def _amount(data: Sequences) -> list[str]:
 
 def _size(dataset: Dataset) -> list[str]:
     first = next(iter(dataset.recordings[0].iter_frames()), None)
-    if first is None or first.shape[0] * first.shape[1] <= SLOW:
+    if first is None:
         return []
     height, width = first.shape[:2]
+    large, oblong = height * width > SLOW, height != width
+    if not large and not oblong:
+        return []
     sample = dataset.recordings[:: max(1, len(dataset) // 10)]
     box = moving_box(frame for recording in sample for frame in recording.iter_frames())
     cut = () if box is None else square(box, width, height)
     keep = f" --box {' '.join(map(str, cut))}" if cut else ""
+    why = f"take {height * width / 64**2:.0f} times the time and memory of 64x64" if large else ""
+    why += " and " * (large and oblong) + "are not square, so that rods seem to change their lengths" * oblong
     return [
-        f"Frames of {width}x{height} pixels take {height * width / 64**2:.0f} times the time and memory of 64x64; cut "
-        f"them: keycld crop {dataset.folder} --out {dataset.folder}-small{keep}."
+        f"Frames of {width}x{height} pixels {why}; cut them: keycld crop {dataset.folder} --out "
+        f"{dataset.folder}-small{keep}."
     ]
 
 
@@ -145,3 +157,44 @@ def _still_joints(dataset: Dataset, data: Sequences) -> list[str]:
         "hangs on it cannot be told apart; record motions of it."
         for i in np.flatnonzero(spread < SMALLEST_JOINT)
     ]
+
+
+def _one_rod(mechanism: Mechanism, data: Sequences) -> list[str]:
+    """Of a single rod that turns about a fixed pivot, whether what moves does so, and slowly enough."""
+    if mechanism.rods != (Rod(None, 0),) or mechanism.num_keypoints > 1 or mechanism.sliders:
+        return []
+    middle = _middle_of_motion(data.frames)
+    if np.isnan(middle).all():
+        return []
+    arm = middle - np.array(mechanism.pivot)
+    if np.nanvar(np.linalg.norm(arm, axis=-1)) > ASIDE**2 * np.nanvar(middle, axis=(0, 1)).sum():
+        x, y = mechanism.pivot
+        return [
+            f"What moves does not turn about the pivot that is declared, ({x:g}, {y:g}) in image units: correct it, or "
+            "let it be found, keycld discover."
+        ]
+    angle = np.arctan2(arm[..., 1], arm[..., 0])
+    turned = np.abs((np.diff(angle, axis=1) + np.pi) % (2 * np.pi) - np.pi)
+    fast = turned > FASTEST
+    if fast.mean() <= OFTEN:
+        return []
+    return [
+        f"The rod turns by up to {np.nanmax(turned):.2g} rad from one frame to the next, by more than {FASTEST:g} in "
+        f"{100 * fast.mean():.0f} % of them: motion is too fast for the frame rate; record with a frame every "
+        f"{data.timestep / 2:.2g} s."
+    ]
+
+
+def _middle_of_motion(frames: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Where frames [N, T, H, W, 3] differ from the scene at rest, image units [N, T, 2]; NaN where they do not."""
+    number, length, height, width = frames.shape[:4]
+    flat = frames.reshape(-1, height, width, 3)
+    still = np.median(flat[:: max(1, len(flat) // 300)], axis=0)
+    x, y = np.linspace(-1, 1, width), np.linspace(1, -1, height)
+    out = np.full((len(flat), 2), np.nan)
+    for i, frame in enumerate(flat):
+        differs = np.square(frame - still).max(axis=-1)
+        differs = np.maximum(differs - max(LEVELS**2, 9 * float(np.median(differs))), 0)  # the median is the noise's
+        if total := differs.sum():
+            out[i] = differs.sum(axis=0) @ x / total, differs.sum(axis=1) @ y / total
+    return out.reshape(number, length, 2)

@@ -77,6 +77,10 @@ def test_train_refuses_images_that_no_network_fits(tmp_path, capsys):
         write_recording(tmp_path / "data" / recording.id, recording)
     message = refused(capsys, "train", "pendulum", "--data", tmp_path / "data", "--out", tmp_path / "out")
     assert "12x10 pixels" in message and "multiples of 8" in message
+    for recording in recordings(3, system=SYSTEM, frames=np.zeros((12, 16, 24, 3), np.uint8)):
+        write_recording(tmp_path / "oblong" / recording.id, recording)
+    message = refused(capsys, "train", "pendulum", "--data", tmp_path / "oblong", "--out", tmp_path / "out")
+    assert "24x16 pixels are not square" in message and "keycld crop" in message
 
 
 @pytest.mark.slow

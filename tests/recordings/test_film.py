@@ -107,6 +107,10 @@ def test_from_the_command_line(video: Path, tmp_path: Path, capsys: pytest.Captu
     args = ["import", str(video), "--out", str(tmp_path / "data"), "--mechanism", str(declared)]
     assert main(args) == 2
     assert "--pivot COLUMN ROW" in capsys.readouterr().err
+    driven = tmp_path / "driven.py"
+    driven.write_text(MECHANISM.replace("(1, 0,", "(1, 2,"))
+    assert main([*args[:-1], str(driven), "--pivot", "90", "20"]) == 2
+    assert "driven.py declares num_actions=2, but a video tells of no actions" in capsys.readouterr().err
     assert main([*args, "--pivot", "90", "20", "--crop", "60", "0", "60"]) == 2
     assert "--crop puts the pivot at (0.017, 0.322), but" in capsys.readouterr().err
     assert main([*args, "--pivot", "90", "20", "--frames", "20", "--json"]) == 0

@@ -4,13 +4,14 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from keycld_control.cli import main
-from keycld_envs import SYSTEMS
+from keycld_envs import SYSTEMS, Mechanism, Rod
 from keycld_envs.recordings import Dataset, Recording, read_dataset, write_recording
 from keycld_envs.recordings.crop import cropped, moving_box, square
 from keycld_envs.recordings.weaknesses import weaknesses
@@ -66,6 +67,27 @@ def test_good_recordings_are_not_weak() -> None:
 def test_each_weakness_is_named_alone(change: dict[str, float], words: str) -> None:
     (said,) = weaknesses(recordings(**change))  # pyright: ignore[reportArgumentType]
     assert words in said
+
+
+def test_one_rod_in_a_video_turns_about_its_pivot_and_slowly_enough() -> None:
+    def said(pivot: tuple[float, float], speed: float = 5.0) -> list[str]:
+        filmed = recordings(speed=speed)
+        absent: dict[str, Any] = {name: None for name in ("qpos", "t_state", "action", "t_action")}
+        made = (replace(r, joint_names=(), actuator_names=(), units={}, **absent) for r in filmed.recordings)
+        mechanism = Mechanism(1, 0, (Rod(None, 0),), pivot=pivot)
+        return list(weaknesses(Dataset(filmed.folder, tuple(made)), None, mechanism))
+
+    assert said((-0.16, 0.16)) == []  # the middle of the circle
+    for pivot in ((0.5, 0.4), (3.0, 0.0)):
+        (words,) = said(pivot)
+        assert "does not turn about the pivot" in words and f"({pivot[0]:g}, {pivot[1]:g})" in words
+    (words,) = said((-0.16, 0.16), speed=50.0)
+    assert "a frame every 0.01 s" in words
+
+
+def test_oblong_frames_are_named_with_a_square_to_keep() -> None:
+    (said, few) = weaknesses(recordings(2, size=(32, 64)))
+    assert "64x32 pixels are not square" in said and "--box" in said and "few" in few
 
 
 def test_large_frames_are_named_before_they_are_stacked() -> None:
