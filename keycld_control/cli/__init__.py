@@ -20,14 +20,17 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, suppress
 from importlib.util import find_spec
+from io import StringIO
 from types import FrameType
 from typing import NoReturn
 
 from keycld_control import __version__
 
+REFUSED = 2
+"""Exit code for input that cannot be used, of tyro as well."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C, 128 + SIGINT's 2."""
 PATIENCE = 2.0
@@ -158,26 +161,44 @@ def _run(words: list[str]) -> int:
         similar = difflib.get_close_matches(name, command_names(), n=1)
         hint = f"did you mean {similar[0]!r}?" if similar else f"there are {', '.join(command_names())}."
         print(f"keycld: There is no command {name!r}; {hint}", file=sys.stderr)
-        return 2
+        return REFUSED
     if (here := os.getcwd()) not in sys.path:
         sys.path.append(here)  # where modules with systems of one's own lie
     import tyro  # not above: until then, Ctrl-C is not yet handled
 
     command = importlib.import_module(f"{__name__}.{name}")
-    args = tyro.cli(command.Args, prog=f"keycld {name}", args=words[1:], config=(tyro.conf.FlagCreatePairsOff,))
+    with _in_one_sentence(name, words[1:]):
+        args = tyro.cli(command.Args, prog=f"keycld {name}", args=words[1:], config=(tyro.conf.FlagCreatePairsOff,))
     try:
         if name not in WITHOUT_MUJOCO:
             importlib.import_module("keycld_envs")  # chooses an OpenGL that is there, before others import MuJoCo
         code = command.run(args)
     except _input_errors() as error:
         print(f"keycld: {error}", file=sys.stderr)
-        return 2
+        return REFUSED
     except OSError as error:
         if error.errno not in UNWRITABLE:
             raise
         print(f"keycld: {_why_not_written(error)}", file=sys.stderr)
-        return 2
+        return REFUSED
     return code or 0
+
+
+@contextmanager
+def _in_one_sentence(name: str, options: Sequence[str]) -> Iterator[None]:
+    """What tyro has to say of options that it refuses."""
+    from keycld_control.cli._usage import sentence, unbroken
+
+    said, refused = StringIO(), False
+    try:
+        with unbroken(options), redirect_stderr(said):
+            yield
+    except SystemExit as end:
+        refused = end.code == REFUSED
+        raise
+    finally:
+        text = said.getvalue()
+        print(f"keycld: {sentence(text, f'keycld {name}')}\n" if refused else text, end="", file=sys.stderr)
 
 
 def _why_not_written(error: OSError) -> str:

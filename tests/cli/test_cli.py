@@ -15,6 +15,7 @@ import keycld_control
 import keycld_envs
 import keycld_model
 from keycld_control.cli import command_names, main
+from keycld_control.cli._usage import sentence
 from keycld_control.cli.doctor import examine
 from keycld_envs import SYSTEMS
 from keycld_model.stored import shipped_models
@@ -108,6 +109,68 @@ def test_input_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit) as end:
         main(["collect", "acrobot", "--out", out, "--seed", "one"])
     assert end.value.code == 2
+
+
+USAGE = {
+    "import x.mp4 --out o --pivot 640": "--pivot takes 2 numbers, not '640'; see `keycld import --help`.",
+    "import x.mp4 --out o --pivot a b": "--pivot takes 2 numbers, not 'a b'; see `keycld import --help`.",
+    "import x.mp4 --out o --crop a b c": "--crop takes 3 whole numbers, not 'a b c'; see `keycld import --help`.",
+    "import x.mp4 --out o --fps fast": "--fps takes a number, not 'fast'; see `keycld import --help`.",
+    "import x.mp4 --pivot 640": "--out PATH is missing; see `keycld import --help`.",
+    "import x.csv --otu o": (
+        "--out PATH is missing; there is no option --otu (did you mean --out?); see `keycld import --help`."
+    ),
+    "collect pendulum --episodes two --out d": (
+        "--episodes takes a whole number, not 'two'; see `keycld collect --help`."
+    ),
+    "collect pendulum --episods 2 --out d": (
+        "There is no option --episods (did you mean --episodes?); see `keycld collect --help`."
+    ),
+    "collect pendulum --out": "--out needs a value; see `keycld collect --help`.",
+    "check a --dat b --otu c": (
+        "There is no option --dat (did you mean --data?) or --otu (did you mean --out?); see `keycld check --help`."
+    ),
+    "check a b": "There is no use for 'b'; see `keycld check --help`.",
+    "blind make": "PATH (Folder of the benchmark) is missing; see `keycld blind --help`.",
+    "export d": "--to {minari,lerobot,rerun,mjcf} and --out PATH are missing; see `keycld export --help`.",
+    "export d --to nothing --out d": (
+        "--to takes lerobot, minari, mjcf or rerun, not 'nothing'; see `keycld export --help`."
+    ),
+    "train pendulum --data d --out o --log x": (
+        "--log takes tensorboard, trackio or wandb, not 'x'; see `keycld train --help`."
+    ),
+    "delan": "A subcommand is missing: train, evaluate, paper or real; see `keycld delan --help`.",
+    "delan trian": (
+        "There is no subcommand 'trian'; there are train, evaluate, paper and real; see `keycld delan --help`."
+    ),
+    "delan train x": "--out PATH is missing; see `keycld delan train --help`.",
+}
+"""Line of words -> the sentence about an option that cannot be understood."""
+
+
+@pytest.mark.parametrize("words", USAGE)
+@pytest.mark.parametrize("columns", ["40", "200"])
+def test_options_that_cannot_be_understood(
+    words: str, columns: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    with pytest.raises(SystemExit) as end:
+        main(words.split())
+    assert end.value.code == 2
+    assert capsys.readouterr() == ("", f"keycld: {USAGE[words]}\n")
+    assert os.environ["COLUMNS"] == columns
+
+
+def test_another_box_is_one_sentence_as_well() -> None:
+    box = "╭─ New ─╮\n│ \x1b[1mAnother\x1b[0m reason. │\n│ ───── │\n│ Help  │\n╰───────╯\n"
+    assert sentence(box, "keycld check") == "Another reason; see `keycld check --help`."
+    assert sentence("", "keycld check") == "The options cannot be understood; see `keycld check --help`."
+
+
+def test_options_are_refused_where_there_is_no_unicode() -> None:
+    done = keycld("collect", "pendulum", "--episodes", "two", "--out", "d", PYTHONIOENCODING="ascii")
+    assert done.returncode == 2
+    assert done.stderr == "keycld: --episodes takes a whole number, not 'two'; see `keycld collect --help`.\n"
 
 
 def test_a_full_disk_is_no_traceback(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
