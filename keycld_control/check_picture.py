@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from keycld_control.overlay import (
 )
 from keycld_envs.env import KeyCLDEnv
 from keycld_envs.files import atomic_file
+from keycld_envs.inspection.camera import unseen_joints
 from keycld_envs.inspection.constraints import values
 from keycld_envs.inspection.poses import SIDE, Poses
 from keycld_envs.mechanism import Mechanism
@@ -54,8 +56,8 @@ class Panel:
     bare: bool = False
 
 
-def panels(poses: Poses) -> tuple[list[Panel], list[NDArray[np.uint8]]]:
-    """Target, rest and random poses for people, and images of the model's size of many more.
+def panels(poses: Poses) -> tuple[list[Panel], list[int]]:
+    """Target, rest and random poses, and the joints that move nothing in images of the model's size.
 
     Raises:
         InputError: if no OpenGL can be opened.
@@ -68,10 +70,11 @@ def panels(poses: Poses) -> tuple[list[Panel], list[NDArray[np.uint8]]]:
             keypoints = np.where(poses.depths[index, :, None] > 0, poses.keypoints[index], np.nan)
             image = env.render_qpos(poses.qpos[index], width=PANEL, height=PANEL)
             found.append(Panel(title, image, keypoints, _lines(system.mechanism, keypoints)))
-        small = [env.render_qpos(qpos, width=SIDE, height=SIDE) for qpos in poses.qpos[:16]]
-    seen = np.repeat(np.repeat(small[0], PANEL // SIDE, axis=0), PANEL // SIDE, axis=1)
+        small = partial(env.render_qpos, width=SIDE, height=SIDE)
+        seen, unseen = small(poses.qpos[0]), unseen_joints(poses, small)
+    seen = np.repeat(np.repeat(seen, PANEL // SIDE, axis=0), PANEL // SIDE, axis=1)
     nowhere = np.full_like(poses.keypoints[0], np.nan)
-    return [*found, Panel(f"random 1 as the model sees it, {SIDE} x {SIDE}", seen, nowhere, bare=True)], small
+    return [*found, Panel(f"random 1 as the model sees it, {SIDE} x {SIDE}", seen, nowhere, bare=True)], unseen
 
 
 def recorded_panels(dataset: Dataset, mechanism: Mechanism) -> list[Panel]:

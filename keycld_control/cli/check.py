@@ -72,19 +72,21 @@ def _drawn(args: Args, found: "Inspection") -> list[str]:
     """Write the picture; what its images say is a problem."""
     from keycld_control.check_picture import draw, panels
     from keycld_envs.errors import InputError
-    from keycld_envs.inspection.camera import sees_nothing
 
     try:
-        drawn, images = panels(found.poses)
+        drawn, unseen = panels(found.poses)
     except InputError as error:  # there is no OpenGL, which must not hide what else is wrong
         return [str(error)]
     draw(args.out, found.poses.system.mechanism, drawn)
-    if found.problems or not sees_nothing(images):
+    if found.problems:
         return []
-    name = found.poses.system.camera
+    system, camera = found.poses.system, found.poses.system.camera
+    remedy = "add a light, opaque colours (rgba) that differ from the background, or thicker geometry."
+    if len(unseen) == len(system.joints):
+        return [f"The camera {camera!r} sees nothing move: images of random poses are alike; {remedy}"]
     return [
-        f"The camera {name!r} sees nothing move: images of random poses are alike; add a light, colours that "
-        "differ from the background, or thicker geometry."
+        f"Joint {system.joints[i].name!r} moves keypoints, but nothing that the camera {camera!r} sees; {remedy}"
+        for i in unseen
     ]
 
 
@@ -107,7 +109,7 @@ def _recorded(args: Args, name: str | None, mechanism: "Mechanism") -> tuple[lis
             f"{args.data} has {recorded} actions, the mechanism of {args.system} has {mechanism.num_actions}; correct "
             "num_actions, or name the recordings of this mechanism."
         ], []
-    return [], list(weaknesses(dataset, None if name is None else system_of(name)))
+    return [], list(weaknesses(dataset, None if name is None else system_of(name), mechanism))
 
 
 def _summary(found: "Inspection", as_json: bool) -> dict[str, Any]:

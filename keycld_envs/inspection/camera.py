@@ -1,12 +1,13 @@
 """Whether the camera sees the keypoints, from in front, and at right angles to the plane of motion."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.inspection.poses import PIXEL, SIDE, Poses
+from keycld_envs.projection import focal_length
 
 IN_VIEW = 0.95
 """Fraction of random poses in which each keypoint has to be in the image."""
@@ -14,12 +15,20 @@ FLAT = 0.02
 """Of the distance to the camera, by which a keypoint may move towards it."""
 STILL = 0.5 * PIXEL
 """Image units; what moves less over random poses stays where it is."""
+SMALLEST = 4 * PIXEL
+"""Image units that a mechanism has to take up; of a smaller one, a rod from the middle to the rim is lost in pixels."""
+FITTING = 1.0
+"""Image units, half the width of the image, that a mechanism may well take up."""
 HIDDEN = 0.3
 """Of what is seen of a body in usual poses, below which it is hidden."""
 LOOKED_AT = 30
 """Random poses that are usual."""
 VISIBLE = 12
 """Levels of 255 by which some pixel has to change between poses."""
+NOTICEABLE = PIXEL
+"""Image units by which a joint has to move some keypoint before its motion has to be seen."""
+TRIES = 8
+"""Random poses from which a joint is moved alone; in some of them, links may hide each other."""
 
 
 def in_view(poses: Poses) -> NDArray[np.float64]:
@@ -32,6 +41,13 @@ def problems(poses: Poses) -> Iterator[str]:
     system, name = poses.system, poses.system.camera
     if behind := [int(k) for k in np.flatnonzero((poses.depths <= 0).any(axis=0))]:
         yield f"{poses.named(behind[0]).capitalize()} is behind the camera {name!r}; turn the camera, or move it back."
+        return
+    if (size := _size(poses)) < SMALLEST:
+        near = poses.depths.mean() * size / FITTING
+        yield (
+            f"The camera {name!r} is too far away: the mechanism is {size / PIXEL:.1f} pixels large; move the camera "
+            f"nearer, to about {near:.3g} m."
+        )
         return
     far = np.ptp(poses.depths, axis=0) / poses.depths.mean(axis=0)
     if far.max() > FLAT:
@@ -66,6 +82,32 @@ def advice(poses: Poses) -> Iterator[str]:
                 f"{there[body]} of the {usual[body]:.0f} pixels that it usually sees of it, and an agent needs to see "
                 "it there; move its geoms nearer to the camera, or choose another target."
             )
+
+
+def unseen_joints(poses: Poses, render: Callable[[NDArray[np.float64]], NDArray[np.uint8]]) -> list[int]:
+    """Joints that move a keypoint, and nothing in images.
+
+    Args:
+        poses: what was looked at.
+        render: image [H, W, 3] of joint positions [nq].
+    """
+    found = []
+    for joint in range(poses.qpos.shape[1]):
+        moved = poses.qpos[:TRIES].copy()
+        moved[:, joint] = poses.qpos[1 : TRIES + 1, joint]
+        far = np.abs(poses.keypoints_at(moved) - poses.keypoints[:TRIES]).max(axis=(1, 2)) > NOTICEABLE
+        pairs = zip(poses.qpos[:TRIES][far], moved[far], strict=True)
+        if far.any() and all(sees_nothing([render(one), render(other)]) for one, other in pairs):
+            found.append(joint)
+    return found
+
+
+def _size(poses: Poses) -> float:
+    """Of what keypoints reach and of what moves, whichever is larger, image units."""
+    model = poses.model
+    reach = np.ptp(poses.keypoints, axis=(0, 1)).max()
+    widest = 2 * model.geom_rbound[model.body_weldid[model.geom_bodyid] > 0].max(initial=0.0)
+    return float(max(reach, widest * focal_length(model, poses.system.camera, SIDE) / poses.depths.mean() * PIXEL))
 
 
 def _pixels(poses: Poses, qpos: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -48,6 +48,11 @@ class Poses:
         keypoints, depths, jacobians = zip(*(_seen(system, model, data, each) for each in qpos), strict=True)
         return cls(system, model, qpos, np.array(keypoints), np.array(depths), np.array(jacobians))
 
+    def keypoints_at(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+        """[P, K, 2] keypoints of other configurations [P, nq], image units."""
+        data = mujoco.MjData(self.model)
+        return np.array([_keypoints(self.system, self.model, data, each) for each in qpos])
+
     def named(self, k: int) -> str:
         """What to call a keypoint in a sentence."""
         return f"keypoint {k} (on body {self.system.landmarks[k].body!r})"

@@ -90,6 +90,8 @@ SEEN = {
     "camera too near": (CAMERA, CAMERA.replace("0 -5 0", "0 -2 0"), "out of the image"),
     "camera beside": (CAMERA, CAMERA.replace("0 -5 0", "9 -5 0"), "sees no keypoint"),
     "camera far away": (CAMERA, CAMERA.replace("0 -5 0", "0 -90 0"), "camera nearer"),
+    "camera 200 m away": (CAMERA, CAMERA.replace("0 -5 0", "0 -200 0"), "'front' is too far away"),
+    "camera 500 m away": (CAMERA, CAMERA.replace("0 -5 0", "0 -500 0"), "nearer, to about 7.85 m"),
     "pivot elsewhere": ("pivot=(0.0, 0.0)", "pivot=(0.3, 0.0)", "pivot=(0.000, 0.000)"),
     "rod from the pivot to the far end": (RODS, "rods=(Rod(None, 0), Rod(None, 1))", "rod pivot-1 is not rigid"),
     "rail in place of a rod": (RODS, "rods=(Rod(None, 0),), sliders=(Slider(1),)", "slider 1 leaves its rail"),
@@ -113,6 +115,7 @@ SEEN = {
     "target that is too heavy": (
         MOTOR + "\n  </actuator>", MOTOR.replace("-15 15", "-1 1") + "\n  </actuator>", "cannot be held"
     ),
+    "link that is invisible": ('.9 .6 .2 1"', '.9 .6 .2 0"', "'elbow' moves keypoints, but nothing that the camera"),
     "geometry that is invisible": ("1\"/>", "0\"/>", "sees nothing"),
 }  # fmt: skip
 """The same: found by moving the mechanism and looking at it."""

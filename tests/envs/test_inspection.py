@@ -1,14 +1,18 @@
 """What `keycld check` measures and `keycld new --mjcf` proposes, against mechanisms whose truth is known."""
 
 import math
+import re
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from keycld_envs import SYSTEMS, InputError, Joint, Rod, Slider, System
+from keycld_envs import SYSTEMS, InputError, Joint, KeyCLDEnv, Landmark, Rod, Slider, System
 from keycld_envs.inspection import inspect
+from keycld_envs.inspection.camera import problems, unseen_joints
+from keycld_envs.inspection.poses import Poses
 from keycld_envs.inspection.propose import proposal
 from keycld_envs.mechanism_file import read_system
 
@@ -224,3 +228,59 @@ def test_a_pole_off_the_carts_origin_with_friction_and_a_nameless_camera(tmp_pat
     assert system.landmarks[0].position == pytest.approx((0, 0, 0.08))  # where the pole is hinged
     assert system.hanging_qpos == pytest.approx((0, math.pi), abs=1e-3)
     assert inspect(system).problems == ()
+
+
+def unseen(system: System) -> list[int]:
+    """Joints that move keypoints, and nothing in images of the model's size."""
+    with closing(KeyCLDEnv(system)) as env:
+        poses = Poses.of(system, env.model, 10, seed=0)
+        return unseen_joints(poses, lambda qpos: env.render_qpos(qpos, width=64, height=64))
+
+
+WHEEL = f"""{HEAD}<body name="cart"><joint name="rail" type="slide" axis="1 0 0"/><geom type="box" size=".2 .1 .1"/>
+<body name="wheel"><joint name="axle" axis="0 1 0"/>
+<geom type="cylinder" fromto="0 -.2 0 0 -.1 0" size=".3" rgba="0 0 0 0"/></body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.render
+def test_every_joint_is_seen_to_move(tmp_path: Path) -> None:
+    for system in SYSTEMS.values():
+        assert unseen(system) == []
+    for mjcf in (TWO_POLES, MOVING_PIVOT, ARM, OFF_CENTRE):
+        assert unseen(proposed(tmp_path, mjcf)) == []
+
+
+@pytest.mark.render
+def test_a_joint_that_nobody_sees_move(tmp_path: Path) -> None:
+    invisible = '<geom rgba="0 0 0 0" '
+    pole, ball = '<geom type="capsule" fromto="0 0 0 0 0 .9"', '<geom type="sphere"'
+    assert unseen(proposed(tmp_path, ARM.replace(pole, pole.replace("<geom ", invisible)))) == []  # its ball is seen
+    lower = ARM.replace(pole, pole.replace("<geom ", invisible)).replace(ball, ball.replace("<geom ", invisible))
+    assert unseen(proposed(tmp_path, lower)) == [1]
+    assert unseen(proposed(tmp_path, ARM.replace("<geom ", invisible))) == [0, 1]
+    night = HEAD.replace("<worldbody>", '<visual><headlight active="0"/></visual><worldbody>')
+    dark = ARM.replace(HEAD, night.replace('<light pos="0 -3 3"/>', "")).replace("<geom ", '<geom rgba="0 0 0 1" ')
+    assert unseen(proposed(tmp_path, dark)) == [0, 1]
+
+
+@pytest.mark.render
+def test_a_wheel_may_turn_unseen_unless_a_keypoint_turns_with_it(tmp_path: Path) -> None:
+    system = proposed(tmp_path, WHEEL)
+    rim = replace(system, landmarks=(Landmark("cart", (0, 0, 0)), Landmark("wheel", (0, 0, 0.3))))
+    assert unseen(rim) == [1]
+    assert unseen(replace(rim, landmarks=(Landmark("cart", (0, 0, 0)), Landmark("wheel", (0, 0, 0))))) == []
+
+
+def test_distance_is_told_before_what_follows_from_it(tmp_path: Path) -> None:
+    def said(system: System) -> list[str]:
+        return list(problems(Poses.of(system, system.compile(), 20, seed=0)))
+
+    for away in (150, 200, 500, 1e5):
+        far = proposed(tmp_path, ARM.replace('pos="0 -6 0"', f'pos="0 -{away:g} 0"'))
+        (sentence,) = said(far)
+        assert "The camera 'front' is too far away" in sentence
+        nearer = float(re.findall(r"about (\S+) m", sentence)[0])
+        assert said(proposed(tmp_path, ARM.replace('pos="0 -6 0"', f'pos="0 -{nearer:g} 0"'))) == []
+    on_joint = replace(far, landmarks=(Landmark("upper", (0, 0, 0)), Landmark("upper", (0, 0, 0))))
+    near = replace(on_joint, mjcf=ARM)
+    assert "never moves" in said(near)[0]
