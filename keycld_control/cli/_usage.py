@@ -61,7 +61,7 @@ def _value(match: re.Match[str], lines: list[str]) -> str:
     """A value of another type: `--episodes two`."""
     name, reason = match.groups()
     given = re.search(r"instantiated from (\[.*\])\.$", reason)
-    last = re.search(r": ('.*'|\".*\")$", reason)
+    last = re.search(r": ('[^']*'|\"[^\"]*\")$", reason)
     values = ast.literal_eval(given[1]) if given else [ast.literal_eval(last[1])] if last else []
     at = lines.index("Argument helptext:") if "Argument helptext:" in lines else len(lines)
     taken = lines[at + 1].split(maxsplit=1)[-1] if at + 1 < len(lines) else ""

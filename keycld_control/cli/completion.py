@@ -5,10 +5,28 @@ from typing import Literal
 
 from tyro.conf import Positional
 
+FILES = {
+    "bash": ('COMPREPLY=($(compgen -f -- "$cur"))', "COMPREPLY=()"),
+    "zsh": ('if [[ "$completions" == "__TYRO', 'if [[ -z "$completions" || "$completions" == "__TYRO'),
+    "fish": (
+        'if test "$results" = __TYRO',
+        'set -l word (commandline -ct)\n    if not string match -q -- "$word*" $results; or test "$results" = __TYRO',
+    ),
+}
+"""Shell -> (how tyro's script completes paths, what stands in its place, for words that nothing completes as well)."""
+REGISTERED = """
+# What is no command, option or choice is a file, which bash completes by itself.
+_keycld() {
+  _tyro_keycld "$@"
+  [[ -n "${COMPREPLY[*]}" ]] || COMPREPLY=()
+}
+complete -o bashdefault -o default -F _keycld keycld"""
+"""End of the script for bash."""
+
 
 @dataclass(frozen=True)
 class Args:
-    """Print the completion of all commands, options and choices for a shell.
+    """Print the completion of all commands, options, choices and files for a shell.
 
     bash: keycld completion bash > ~/.local/share/bash-completion/completions/keycld
 
@@ -37,7 +55,10 @@ def run(args: Args) -> None:
 
 
 def script(shell: str) -> str:
-    """The completion of the whole `keycld`, as tyro writes it for one program with a subcommand for each command."""
+    """The completion of the whole `keycld`, as tyro writes it for one program with a subcommand for each command.
+
+    Tyro completes files behind options only; here, also where a command takes them without an option.
+    """
     import contextlib
     import importlib
     import io
@@ -55,4 +76,5 @@ def script(shell: str) -> str:
             args=["--tyro-print-completion", shell],
             config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
         )
-    return written.getvalue().strip()
+    text = written.getvalue().strip().replace(*FILES[shell])
+    return text + "\n" + REGISTERED if shell == "bash" else text
