@@ -36,7 +36,7 @@ class Intervals:
 
 
 def intervals(parts: Parts, parameters: Parameters, uncertainty: Uncertainty, at: Floats | None) -> Intervals:
-    """Of first order: the middle, and 1.645 standard deviations to either side.
+    """Of first order: the middle, and 1.645 standard deviations to either side, as far as masses and lengths go.
 
     Args:
         parts: the networks.
@@ -62,7 +62,8 @@ def intervals(parts: Parts, parameters: Parameters, uncertainty: Uncertainty, at
     members = jax.jit(jax.vmap(member, (0, None)))(uncertainty.either_side(), x)
     found = {name: _interval(np.asarray(values, np.float64)) for name, values in members.items()}
     if at is None:
-        return Intervals(found["masses"], found["lengths"])
+        found = {name: found[name] for name in ("masses", "lengths")}
+    found["masses"], found["lengths"] = found["masses"].clip(0, 1), found["lengths"].clip(0)
     return Intervals(**found)
 
 

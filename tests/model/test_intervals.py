@@ -61,6 +61,12 @@ def test_intervals_are_those_of_first_order():
     assert found.potential_energy is None
 
 
+def test_shares_and_lengths_end_where_there_are_no_others():
+    found = known(log_masses=[[2.0, -2.0]], level=[[9.0, 0.0]]).intervals()
+    assert found.masses.min() == 0 and found.masses.max() == 1
+    assert found.lengths.min() == 0 and found.lengths.max() > 1
+
+
 def test_what_acts_along_a_rod_is_in_no_interval_and_energies_count_from_the_first_position():
     x = np.array([[[0.0, 0.5], [0.0, 1.0]], [[0.5, 0.0], [1.0, 0.0]]], np.float32)
     along = np.zeros((1, 4, 2))
