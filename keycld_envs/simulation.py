@@ -28,6 +28,7 @@ class Simulation:
     """
 
     def __init__(self, system: System, action_limit: float | None, effects: Sequence[Effect]) -> None:
+        self._system = system
         self.model = system.compile()
         self.data = mujoco.MjData(self.model)
         limit = system.action_limit if action_limit is None else check_action_limit(action_limit)
@@ -52,10 +53,15 @@ class Simulation:
             InputError: if the simulation diverges.
         """
         self.data.ctrl[:] = control
+        before = np.abs(self.data.qvel)
         for _ in self._effects.steps(self.data, self._substeps) if self._effects else range(self._substeps):
             _physics_step(self.model, self.data)
         if any(self.data.warning[kind].number for kind in _DIVERGED):  # MuJoCo has reset the simulation
-            raise InputError("The simulation diverged; use smaller actions, velocities, or time steps.")
+            joint = f"joint {self._system.joints[before.argmax()].name!r} of " if before.any() else ""
+            raise InputError(
+                f"The simulation diverged: {joint}system {self._system.name!r} ran away; use smaller actions, "
+                "velocities, or time steps."
+            )
 
 
 def _physics_step(model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -172,6 +172,7 @@ def _run(words: list[str]) -> int:
     try:
         if name not in WITHOUT_MUJOCO:
             importlib.import_module("keycld_envs")  # chooses an OpenGL that is there, before others import MuJoCo
+            importlib.import_module("mujoco").set_mju_user_warning(lambda _: None)  # our own sentence follows
         code = command.run(args)
     except _input_errors() as error:
         print(f"keycld: {error}", file=sys.stderr)

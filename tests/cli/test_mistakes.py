@@ -162,6 +162,18 @@ def test_a_mistake_that_shows(mistake: str, tmp_path: Path, capsys: pytest.Captu
     assert (tmp_path / "check.png").exists()
 
 
+@pytest.mark.parametrize("change", ['<joint name="elbow" damping="100"', '<joint name="elbow" stiffness="1e6"'])
+def test_a_simulation_that_diverges_is_one_sentence_without_a_log_of_mujoco_s(
+    change: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("arm.py").write_text(ARM.replace('<joint name="elbow"', change))
+    said = complaint(capfd, "check", "arm.py")
+    assert one_sentence(said)
+    assert "The simulation diverged: joint 'elbow' of system 'arm' ran away; use smaller actions" in said
+    assert not Path("MUJOCO_LOG.TXT").exists()
+
+
 def test_other_commands_say_what_is_wrong_with_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -103,6 +103,13 @@ def test_a_simulation_that_diverges_in_its_first_step(system: str) -> None:
     env.step(np.zeros(env.model.nu))
 
 
+def test_a_simulation_that_diverges_from_rest() -> None:
+    env = KeyCLDEnv("cartpole", obs_type="state")
+    env.reset(options={"qpos": [1e300, 0.0], "qvel": [0.0, 0.0]})
+    with pytest.raises(InputError, match="The simulation diverged: system 'cartpole' ran away; use smaller actions"):
+        env.step([0.0, 0.0])
+
+
 def test_a_simulation_that_diverges_later() -> None:
     env = KeyCLDEnv("cartpole", obs_type="state")
     env.reset(options={"qpos": [0.0, 1.0], "qvel": [0.0, 1e4]})
