@@ -5,6 +5,17 @@ from dataclasses import fields
 from keycld_control.cli._import_options import Args, Film
 from keycld_control.cli._output import print_result
 
+WANTED = "name a log, a video, or the folder of a data set"
+NO_RECORDINGS = {
+    ".py": "a Python file",
+    ".xml": "a mechanism's description (`keycld new --mjcf` takes it)",
+    ".urdf": "a mechanism's description (`keycld new --mjcf` takes it)",
+    ".png": "a picture",
+    ".jpg": "a picture",
+    ".jpeg": "a picture",
+}
+"""Suffix -> what such a file is, which can only be named by mistake."""
+
 
 def run(args: Args) -> None:
     """Read, write, and say what was read."""
@@ -13,10 +24,14 @@ def run(args: Args) -> None:
 
     if not args.files:
         raise InputError("There is no file to import; name one, or several.")
+    if missing := [file for file in args.files if not file.exists()]:
+        raise InputError(f"{missing[0]} does not exist; {WANTED}.")
     alone = [file for file in args.files if file.is_dir() or is_video(file)]
     if alone and len(args.files) > 1:
         raise InputError(f"{alone[0]} is a data set of its own; import it alone.")
     _check_options(args, bool(alone) and is_video(alone[0]))
+    if others := [file for file in args.files if file.is_file() and file.suffix.lower() in NO_RECORDINGS]:
+        raise InputError(f"{others[0]} is {NO_RECORDINGS[others[0].suffix.lower()]}, not a recording; {WANTED}.")
     if not alone:
         from keycld_control.cli._import_logs import import_logs
 

@@ -71,7 +71,7 @@ def test_round_trip_with_frames(
 @pytest.mark.parametrize("to, package, rtol", FORMATS)
 def test_round_trip_of_a_video_alone(to: str, package: str, rtol: float, tmp_path: Path, make_recording: Make) -> None:
     pytest.importorskip(package)
-    absent: dict[str, Any] = {name: None for name in ("qpos", "qvel", "t_state", "action", "t_action")}
+    absent: dict[str, Any] = dict.fromkeys(("qpos", "qvel", "t_state", "action", "t_action"))
     recording = make_recording(0, joint_names=(), actuator_names=(), units={}, **absent)
     (found,) = back(tmp_path, export(tmp_path, to, recording))
     same(recording, found, rtol)
@@ -229,6 +229,9 @@ def test_lerobot_of_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     folder = so101(tmp_path / "so101", degrees, colours)
     assert main(["import", str(folder), "--out", str(tmp_path / "back")]) == 2
     assert "--unit observation.state=deg" in capsys.readouterr().err
+    for words in (["--time", "t"], ["--joint", "hinge=t"]):
+        assert main(["import", str(folder), "--out", str(tmp_path / "back"), *words]) == 2
+        assert "there is no column 't'; there are " in capsys.readouterr().err
     units = ["--unit", "observation.state=deg", "--unit", "action=deg"]
     _, second = back(tmp_path, folder, *units)
     assert second.joint_names == second.actuator_names == ("shoulder_pan", "elbow_flex")

@@ -304,6 +304,36 @@ def test_a_speed_with_gaps_is_not_added_up() -> None:
         assemble(table, Columns("t", {"hinge": "v"}, units={"v": "rpm"}), "id")
 
 
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["nope.mp4", "--mechanism", "swing.py"], "nope.mp4 does not exist; name a log, a video"),
+        (["nope.csv"], "nope.csv does not exist"),
+        (["swing.py"], "swing.py is a Python file, not a recording; name a log, a video"),
+        (["arm.xml", "--time", "t"], "arm.xml is a mechanism's description (`keycld new --mjcf` takes it), not"),
+        (["check.png"], "check.png is a picture, not a recording"),
+        (
+            ["cut.csv", "--time", "t", "--joint", "hinge=q"],
+            "line 4 is truncated: it has 1 of 2 cells; remove this last",
+        ),
+        (["cut.csv", "--time", "t", "--joint", "hinge=q"], "have `keycld import` leave it out, --drop-truncated-end."),
+    ],
+)
+def test_what_cannot_be_imported(
+    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("arm.xml", "check.png"):
+        Path(name).write_text("<mujoco/>")
+    Path("swing.py").write_text(
+        "from keycld_envs import Mechanism, Rod\nmechanism = Mechanism(1, 0, (Rod(None, 0),))\n"
+    )
+    Path("cut.csv").write_text("t,q\n0,1\n0.1,2\n0.2")
+    assert main(["import", *words, "--out", "data"]) == 2
+    assert said in capsys.readouterr().err
+    assert not Path("data").exists()
+
+
 def test_several_logs_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for i in range(3):
         rows = "".join(f"{0.1 * k},{i + k}\n" for k in range(4))

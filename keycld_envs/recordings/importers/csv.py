@@ -77,8 +77,14 @@ def _table(path: Path, file: TextIO, names: Sequence[str] | None, drop_truncated
     row = next(rows, None)
     while row is not None:
         (line, cells), row = row, next(rows, None)
-        if row is None and lines and drop_truncated_end and len(cells) < len(names):
-            break
+        if row is None and lines and len(cells) < len(names):
+            if drop_truncated_end:
+                break
+            if not skip:  # tables inside other files are read without that option
+                raise InputError(
+                    f"{path}, line {line} is truncated: it has {len(cells)} of {len(names)} cells; remove this last "
+                    "line, or have `keycld import` leave it out, --drop-truncated-end."
+                )
         values.extend(_row(path, line, cells, names))
         lines.append(line)
     if not lines:

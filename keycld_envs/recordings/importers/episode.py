@@ -72,7 +72,9 @@ class Episode:
         return Recording(**self.fields, **signals)
 
     def _check_units(self, columns: Columns) -> None:
-        """Refuse to guess: these formats do not say what their numbers mean."""
+        """Refuse to guess: these formats do not say what their numbers mean. Columns that are missing come first."""
+        for name in (columns.time, *columns.joints.values(), *columns.velocities.values(), *columns.actions.values()):
+            self.table.column(name)
         for group in (columns.joints, columns.velocities, columns.actions):
             names = list(group.values())
             if missing := [name for name in names if name not in columns.units]:
