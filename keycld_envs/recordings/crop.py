@@ -53,6 +53,17 @@ def square(box: Box, width: int, height: int) -> Box:
     return left, top, left + side, top + side
 
 
+def units_of(box: Box, width: int, height: int, size: int) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Factors of x and y, and shifts, from image units of frames of `width` by `height` pixels to those of a box."""
+    factors, shifts = [], []
+    for first, last, pixels, sign in ((box[0], box[2], width, 1), (box[1], box[3], height, -1)):
+        scale = size / (last - first)
+        factors.append(scale * (pixels - 1) / (size - 1))
+        middle = (pixels / 2 - first) * scale - 0.5  # where the old middle, (pixels - 1) / 2, has come to
+        shifts.append(sign * (2 * middle / (size - 1) - 1))
+    return (factors[0], factors[1]), (shifts[0], shifts[1])
+
+
 def cropped(recording: Recording, box: Box, size: int) -> Recording:
     """The recording with frames of `size` by `size` pixels, of what a box of the old ones shows.
 

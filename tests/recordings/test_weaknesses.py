@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from keycld_control.cli import main
 from keycld_envs import SYSTEMS, Mechanism, Rod
 from keycld_envs.recordings import Dataset, Recording, read_dataset, write_recording
-from keycld_envs.recordings.crop import cropped, moving_box, square
+from keycld_envs.recordings.crop import cropped, moving_box, square, units_of
 from keycld_envs.recordings.weaknesses import weaknesses
 
 
@@ -72,7 +72,7 @@ def test_each_weakness_is_named_alone(change: dict[str, float], words: str) -> N
 def test_one_rod_in_a_video_turns_about_its_pivot_and_slowly_enough() -> None:
     def said(pivot: tuple[float, float], speed: float = 5.0) -> list[str]:
         filmed = recordings(speed=speed)
-        absent: dict[str, Any] = {name: None for name in ("qpos", "t_state", "action", "t_action")}
+        absent: dict[str, Any] = dict.fromkeys(("qpos", "t_state", "action", "t_action"))
         made = (replace(r, joint_names=(), actuator_names=(), units={}, **absent) for r in filmed.recordings)
         mechanism = Mechanism(1, 0, (Rod(None, 0),), pivot=pivot)
         return list(weaknesses(Dataset(filmed.folder, tuple(made)), None, mechanism))
@@ -164,6 +164,10 @@ def test_keypoints_stay_where_they_are_seen() -> None:
         light = frame[..., 0].astype(float)
         seen = (light.sum(axis=0) @ np.arange(32), light.sum(axis=1) @ np.arange(32)) / light.sum()
         assert seen == pytest.approx((column, row))
+    assert before.keypoints is not None
+    factors, shifts = units_of((32, 16, 96, 80), 128, 128, 32)
+    old, new = before.keypoints[:, 0] / 63.5 - 1, after.keypoints[:, 0] / 15.5 - 1
+    np.testing.assert_allclose(new * [1, -1], old * [1, -1] * np.array(factors) + shifts, atol=1e-9)
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -171,10 +175,15 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         write_recording(tmp_path / "data" / recording.id, recording)
     out = tmp_path / "small"
     assert main(["crop", str(tmp_path / "data"), "--out", str(out), "--size", "16", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["box"][2] <= 36
+    said = json.loads(capsys.readouterr().out)
+    assert said["box"][2] <= 36 and len(said["factors"]) == len(said["shifts"]) == 2
     read = read_dataset(out)
     assert read.sequences().frames.shape == (2, 50, 16, 16, 3)
     assert read.recordings[0].qpos is not None and math.isclose(read.recordings[0].qpos[1, 0], 0.1)
     assert main(["crop", str(tmp_path / "data"), "--out", str(out)]) == 2
     assert main(["crop", str(tmp_path / "data"), "--out", str(tmp_path / "b"), "--box", "0", "0", "9", "99"]) == 2
     assert capsys.readouterr().err.count("\n") == 2
+    assert main(["crop", str(tmp_path / "data"), "--out", str(tmp_path / "c"), "--size", "63"]) == 2
+    assert "--size is 63" in capsys.readouterr().err
+    assert main(["crop", str(tmp_path / "data"), "--out", str(tmp_path / "c")]) == 0
+    assert "pivot=(x, y) is (" in capsys.readouterr().out
