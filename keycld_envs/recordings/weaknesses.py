@@ -28,8 +28,9 @@ SMALLEST_JOINT = 0.05
 SLOW = 128 * 128
 """Pixels of a frame, beyond which training takes more than four times as long as with 64 x 64."""
 ASIDE = 0.35
-"""Standard deviation of the distance from the pivot of what moves, of its place's. A rod that turns about the pivot has
-.02 to .15, since it has a shadow and an end; pivots that are .2 image units off have .2 to .5, distant ones .6 to .8."""
+"""Standard deviation of the distance from the pivot of what moves, of its place's. A rod that turns about the pivot
+has .02 to .15, since it has a shadow and an end; pivots that are .2 image units off have .2 to .5, distant ones .6 to
+.8."""
 
 
 def weaknesses(dataset: Dataset, system: System | None = None, mechanism: Mechanism | None = None) -> Iterator[str]:
