@@ -1,7 +1,9 @@
 """Runs of trainings below a folder, and what each has reached."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,9 @@ from keycld_envs.reading import read_json
 from keycld_model.checkpoint import META, STATE
 from keycld_model.training import log
 
+HEAD = 8192
+"""Characters of a page that hold its title."""
+
 
 @dataclass(frozen=True)
 class Run:
@@ -19,7 +24,7 @@ class Run:
     Attributes:
         folder: of the run, below the folder that was searched.
         kind: "world model" or "joint model".
-        of: environment id, or names of the joints.
+        of: environment id, name of the file that declares a mechanism alone, or names of the joints.
         preset: recipe.
         seed: of the training; None if it is not known.
         step: last step that was logged.
@@ -75,7 +80,7 @@ def _run(root: Path, folder: Path) -> Run:
         return Run(
             folder=folder.relative_to(root),
             kind="joint model" if joint else "world model",
-            of=", ".join(joint["joints"]) if joint else meta["config"].get("system") or "own mechanism",
+            of=", ".join(joint["joints"]) if joint else meta["config"].get("system") or _declared(folder / PAGE),
             preset=joint["family"] if joint else meta["preset"],
             seed=meta.get("seed"),
             step=last.get("step", meta.get("steps")),
@@ -87,3 +92,13 @@ def _run(root: Path, folder: Path) -> Run:
         )
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         raise InputError(f"{path} is damaged ({error}); remove the run or restore a copy.") from error
+
+
+def _declared(page: Path) -> str:
+    """The file that a mechanism was declared in, which the title of the page names."""
+    if page.is_file():
+        with open(page, encoding="utf-8") as file:
+            title = re.search(r"<title>Training .*?: system (.*?), preset ", file.read(HEAD))
+        if title:
+            return Path(unescape(title[1])).name
+    return "own mechanism"

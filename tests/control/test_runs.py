@@ -18,6 +18,7 @@ from keycld_control.cli import main
 from keycld_control.runs.page import NAME, TrainingPage, html_page
 from keycld_control.runs.strip import MAGNIFIED, strip
 from keycld_control.runs.trackers import tracker
+from keycld_control.runs.watching import watching
 from keycld_envs.collect import CollectSettings, make_env, record_episode
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Dataset
@@ -135,6 +136,42 @@ def test_runs_are_listed_with_their_scores(tmp_path: Path, capsys: pytest.Captur
     (tmp_path / "empty").mkdir()
     assert main(["runs", str(tmp_path / "empty")]) == 2
     assert "There is no training below" in capsys.readouterr().err
+
+
+def test_a_list_of_runs_on_80_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    many = tmp_path / "a-rather-long-name-of-a-study" / "cartpole-without-constraints"
+    cartpole = (shipped_models()["cartpole"] / "checkpoint.json").read_text()
+    joints = {"joint_model": {"joints": ["shoulder_pan", "shoulder_lift", "elbow_flex"], "family": "residual"}}
+    about = {"system": "lab/my <swing>.py", "preset": "default", "seed": 7, "data": "d"}
+    metas = {
+        many / "seed-1": json.loads(cartpole) | {"step": 12345},
+        tmp_path / "joints": joints | {"seed": 12, "steps": 123456, "seconds": 98765.0, "validation_error": 0.000123},
+        tmp_path / "own": {"config": {"system": None}, "preset": "default", "seed": 7},
+        tmp_path / "older": {"config": {"system": None}, "preset": "default", "seed": 7},
+    }
+    for folder, meta in metas.items():
+        folder.mkdir(parents=True)
+        (folder / "checkpoint.json").write_text(json.dumps(meta))
+    write_checkpoint(write_log(tmp_path / "running") / "state", {"a": np.zeros(1)}, metas[tmp_path / "own"])
+    with watching(tmp_path / "page", about) as (page,):
+        page.saved(None, finished=True)
+    (tmp_path / "page" / NAME).rename(tmp_path / "own" / NAME)
+    assert main(["runs", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    lines = [line.split() for line in out.splitlines()]
+    at = lines.index(["a-rather-long-name-of-a-study/cartpole-without-constraints/seed-1"])
+    assert lines[at + 1][:3] == ["Cartpole-v0", "default", "0"]
+    words = out.split()
+    assert {"shoulder_pan,", "shoulder_lift,", "elbow_flex", "residual", "123,456", "300*"} <= set(words)
+    assert "my <swing>.py" in out and "own mechanism" in out and out.endswith("* unfinished\n")
+    assert main(["runs", str(many)]) == 0
+    header, row = capsys.readouterr().out.splitlines()
+    assert header.split() == ["run", "of", "preset", "seed", "step", "minutes", "VPT"]
+    assert row.split()[:3] == ["seed-1", "Cartpole-v0", "default"]
 
 
 def test_a_missing_tracker_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
