@@ -58,6 +58,9 @@ def run(args: Args) -> None:
 
     if args.preset not in PRESETS:
         raise InputError(f"There is no preset {args.preset!r}; there are {', '.join(PRESETS)}.")
+    groups = PRESETS[args.preset].networks.groups
+    if args.width is not None and args.width % groups:
+        raise InputError(f"--width is {args.width}; it must be a multiple of {groups}, such as {groups * 4}.")
     name, mechanism = declared(args.system)
     dataset = read_dataset(args.data)
     if name is not None and dataset.system is not None and not same_system(dataset.system, name):

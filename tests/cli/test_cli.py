@@ -173,6 +173,11 @@ def test_options_are_refused_where_there_is_no_unicode() -> None:
     assert done.stderr == "keycld: --episodes takes a whole number, not 'two'; see `keycld collect --help`.\n"
 
 
+def test_a_width_that_does_not_fit_is_named_as_the_option(capsys: pytest.CaptureFixture[str]) -> None:
+    said = refused(capsys, "train", "pendulum", "--data", "d", "--out", "o", "--width", "5")
+    assert said == "keycld: --width is 5; it must be a multiple of 4, such as 16.\n"
+
+
 def test_a_full_disk_is_no_traceback(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     def fail(args: Any) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", "data/a")
