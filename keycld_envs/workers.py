@@ -17,6 +17,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeVar
 
+import mujoco
+
 from keycld_envs.errors import InputError
 
 T = TypeVar("T")
@@ -148,7 +150,11 @@ def end_processes(processes: Sequence[multiprocessing.process.BaseProcess]) -> N
 
 
 def _start_worker() -> None:
-    """Leave Ctrl-C to the parent, clean up when it ends this process, and end when it is killed."""
+    """Leave Ctrl-C to the parent, clean up when it ends this process, and end when it is killed.
+
+    MuJoCo's own warnings are left out, and its log file: a simulation that diverges is an error of ours.
+    """
+    mujoco.set_mju_user_warning(lambda _: None)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _clean_up)
 

@@ -171,6 +171,8 @@ def test_a_simulation_that_diverges_is_one_sentence_without_a_log_of_mujoco_s(
     said = complaint(capfd, "check", "arm.py")
     assert one_sentence(said)
     assert "The simulation diverged: joint 'elbow' of system 'arm' ran away; use smaller actions" in said
+    said = complaint(capfd, "collect", "arm.py", "--episodes", "2", "--steps", "20", "--workers", "2", "--out", "data")
+    assert one_sentence(said) and "The simulation diverged" in said
     assert not Path("MUJOCO_LOG.TXT").exists()
 
 
