@@ -284,3 +284,10 @@ def test_distance_is_told_before_what_follows_from_it(tmp_path: Path) -> None:
     on_joint = replace(far, landmarks=(Landmark("upper", (0, 0, 0)), Landmark("upper", (0, 0, 0))))
     near = replace(on_joint, mjcf=ARM)
     assert "never moves" in said(near)[0]
+
+
+@pytest.mark.parametrize("path", sorted((Path(__file__).parents[2] / "examples" / "mechanisms").glob("*.xml")))
+def test_examples_of_new_mechanisms_fit(path: Path, tmp_path: Path) -> None:
+    found = inspect(proposed(tmp_path, path.read_text(encoding="utf-8")))
+    assert found.problems == () and set(found.in_view) == {1.0}
+    assert not [w for w in found.warnings if "hidden" in w]
