@@ -3,7 +3,7 @@
     python examples/new_mechanisms.py --out runs/new
 
 It types the commands that a newcomer types, one after the other, and prints them with their minutes. What is done is
-not done again, so the same command goes on where it was stopped. It takes some ten minutes a mechanism.
+not done again, so the same command goes on where it was stopped. It takes some twenty minutes a mechanism.
 """
 
 import json
@@ -38,7 +38,7 @@ class Args:
 
     out: Path
     only: tuple[str, ...] = ()
-    recordings: int = 200
+    recordings: int = 500
     episodes: int = 100
     seed: int = 0
 
@@ -52,7 +52,7 @@ def commands(name: str, args: Args) -> list[str]:
         f"collect {name}.py --episodes {args.recordings} --out data/{name} --workers 2 --seed {args.seed}{narrow}",
         f"train {name}.py --data data/{name} --out runs/{name} --preset quick",
         f"evaluate runs/{name} --data data/{name}",
-        f"swingup {name}.py --weights runs/{name} --episodes {args.episodes} --start random --seed {args.seed + 5000}",
+        f"swingup {name}.py --weights runs/{name} --episodes {args.episodes} --seed {args.seed + 5000} --workers 2",
     ]
 
 
