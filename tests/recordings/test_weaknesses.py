@@ -147,7 +147,7 @@ def test_a_target_that_no_frame_shows() -> None:
     away = np.stack([np.sin(np.linspace(0, 3, 50)), np.linspace(1, 5.5, 50)], axis=1)  # upright is 0 and 2 pi
     (said,) = weaknesses(of_cartpole(away), SYSTEMS["cartpole"])
     assert said.startswith("None of 5000 frames shows the mechanism within 0.3 rad or m of its target")
-    past = away + [0.0, 2 * np.pi - 5.5]  # ends there, with the cart in the middle
+    past = away + np.array([0.0, 2 * np.pi - 5.5])  # ends there, with the cart in the middle
     assert not list(weaknesses(of_cartpole(past), SYSTEMS["cartpole"]))
 
 
