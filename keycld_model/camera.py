@@ -83,12 +83,15 @@ class Camera:
     noise: float = 0.0
 
     @classmethod
-    def find(cls, background: NDArray[np.float32], image: NDArray[np.uint8] | NDArray[np.float32]) -> "Camera | None":
+    def find(
+        cls, background: NDArray[np.float32], image: NDArray[np.uint8] | NDArray[np.float32], alike: float = ALIKE
+    ) -> "Camera | None":
         """Find it from one image.
 
         Args:
             background: `[H, W, 3]` what the model draws without the mechanism, 0 to 1.
             image: `[H, W, 3]` what the camera shows, uint8 or float in 0 to 1.
+            alike: median difference, 0 to 1, up to which it is the model's own camera.
 
         Returns:
             The camera; None if the image does not show the background, or in too different a way.
@@ -97,7 +100,7 @@ class Camera:
         shown = np.asarray(as_float(jnp.asarray(image)), np.float64)
         if not (np.isfinite(drawn).all() and np.isfinite(shown).all()):
             return None
-        if np.median(np.abs(shown - drawn)) <= ALIKE:
+        if np.median(np.abs(shown - drawn)) <= alike:
             return cls()
         values, noise = _fit(drawn, shown)
         right, up, zoom = float(values[0]), float(values[1]), float(np.exp(values[2]))

@@ -11,6 +11,7 @@ from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
+from keycld_model.camera import GREY, Camera, restored
 from keycld_model.image_alignment import Positions
 from keycld_model.image_alignment.films import frame_times
 from keycld_model.image_alignment.pose import TRUSTED, explained_share
@@ -22,14 +23,18 @@ from keycld_model.world_model import WorldModel
 Floats = NDArray[np.float64]
 STILLS = 60
 """Frames of all recordings, whose median is the scene without the mechanism."""
+SAME = 0.25
+"""Grey levels by which that scene differs from the model's in the median, at most, if the camera is the same. The
+pendulum's own differs by .01, moved by a pixel it differs by 1."""
 
 
 def learned_positions(recordings: Sequence[Recording], model: WorldModel, document: LearnedMjcf) -> Positions:
     """Joint positions of a world model's document at the times of frames.
 
-    No simulator is drawn: the estimator finds the keypoints, and the constraints tell the joints. A frame is trusted
-    if the model's own picture of these keypoints explains most of what moves in it. The error is that of reading the
-    model's pictures again.
+    No simulator is drawn: the estimator finds the keypoints, and the constraints tell the joints. Frames of a camera
+    that is off by a few pixels, or of another light, are brought to the model's, see `keycld_model.camera`. A frame is
+    trusted if the model's own picture of these keypoints explains most of what moves in it. The error is that of
+    reading the model's pictures again.
 
     Args:
         recordings: with frames as the model was trained on.
@@ -39,9 +44,8 @@ def learned_positions(recordings: Sequence[Recording], model: WorldModel, docume
     Raises:
         InputError: if frames are missing or of another size.
     """
-    films = [_frames(recording, model) for recording in recordings]
-    every = np.concatenate([film[:: max(1, len(film) * len(films) // STILLS)] for film in films])
-    still = np.median(every, axis=0).astype(np.float32)
+    films = _as_the_model_sees([_frames(recording, model) for recording in recordings], model)
+    still = np.median(_some(films), axis=0).astype(np.float32)
     places, early = places_of(model, document), _early(model)
     turns = document.model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
     read, explained, again = [], [], []
@@ -81,6 +85,26 @@ def learned_positions(recordings: Sequence[Recording], model: WorldModel, docume
         errors=tuple(np.broadcast_to(error, q.shape) for q in read),
         together=np.ones(len(turns)),
     )
+
+
+def _some(films: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Frames of all films."""
+    return np.concatenate([film[:: max(1, len(film) * len(films) // STILLS)] for film in films])
+
+
+def _as_the_model_sees(films: list[NDArray[np.uint8]], model: WorldModel) -> list[NDArray[np.uint8]]:
+    """Films of the model's own camera and light; of all films, one camera is told from the scene at rest."""
+    some = _some(films)
+    drawn = np.asarray(model.render(model.keypoints(some)), np.float32).clip(0.0, 1.0)
+    background = np.median(drawn, axis=0)
+    camera = Camera.find(background, np.median(some, axis=0).astype(np.float32) / 255, SAME * GREY)
+    if camera is None:
+        return films
+    restoration = camera.restoration(drawn)
+    if not restoration.changed:
+        return films
+    seen = [np.stack([restored(restoration, background, frame) for frame in film]) for film in films]
+    return [(255 * film).round().astype(np.uint8) for film in seen]
 
 
 def _frames(recording: Recording, model: WorldModel) -> NDArray[np.uint8]:

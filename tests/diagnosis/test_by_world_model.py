@@ -85,6 +85,20 @@ def test_positions_are_those_of_the_systems_joints(name):
 
 
 @pytest.mark.render
+@pytest.mark.parametrize("change", [lambda f: np.roll(f, 1, axis=2), lambda f: (0.8 * f).astype(np.uint8)])
+def test_another_camera_or_light_is_no_other_motion(change):
+    """A camera that is off by a pixel had been called cogging; in other light, no frame was trusted."""
+    runs, _ = filmed("pendulum", number=2, frames=40)
+    world = WorldModel.load("pendulum")
+    document = learned_mjcf(world, of_system=True)
+    changed = [replace(run, frames=change(np.asarray(run.load_frames())), video=None) for run in runs]
+    plain, otherwise = (learned_positions(films, world, document) for films in (runs, changed))
+    assert otherwise.trusted == 1.0
+    for before, after in zip(plain.recordings, otherwise.recordings, strict=True):
+        assert np.sqrt(np.mean((np.asarray(after.qpos) - np.asarray(before.qpos)) ** 2)) < 0.004
+
+
+@pytest.mark.render
 @pytest.mark.long
 def test_friction_is_named_from_images_and_the_model_given_it(tmp_path, capsys):
     today, _ = filmed("pendulum", [ViscousFriction("hinge", b=0.1)], seed=1)
