@@ -11,6 +11,9 @@ from keycld_model.tracking.pendulum import Study
 GRAVITY = 9.81
 TURNED = math.pi / 4
 """Angle of rest, rad, that no camera held by hand makes."""
+ASKEW = 0.04
+"""rad, root mean square, by which a part may turn otherwise than its keypoint does about the pivot. Tracks that are
+right have .0007 to .023; one of a pendulum whose bob was covered had .078, and angles .6 rad off."""
 MOST, ROUND, VAGUE, INFLATED, UNEXPLAINED = 0.8, 0.01, 0.03, 30.0, 10.0
 """What raises a doubt: share of frames, lengths off the circle, lengths of the pivot's deviation, inflation of
 covariances, and held-out error in noises of a frame."""
@@ -86,6 +89,11 @@ def doubts(track: Track, study: Study | None) -> list[str]:
                 f"{part} scatters far more than its fit lets expect: it may have been lost at times, or frames are "
                 "missing."
             )
+    if len(track.lengths) == 1 and track.turning[0] > ASKEW:
+        result.append(
+            f"The part turns otherwise than about the pivot, by {1e3 * track.turning[0]:.0f} mrad: pivot and angles "
+            "may be wrong; a part of the mechanism may be covered."
+        )
     if float(np.hypot(*track.pivot_deviation)) > VAGUE * track.lengths[0]:
         result.append(f"The pivot is known to {np.hypot(*track.pivot_deviation):.0f} px only.")
     if study is not None and abs(study.rest) > TURNED:

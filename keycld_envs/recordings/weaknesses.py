@@ -25,11 +25,6 @@ STOPPED = 0.01
 """Fraction of frames at the end of a joint's range; each changes all motion that follows."""
 SMALLEST_JOINT = 0.05
 """rad or m; a joint that varies less over all recordings hardly moves."""
-NEAR = 0.3
-"""rad or m from the target, in every joint; from there on an agent holds the mechanism by what it sees."""
-SEEN = 30
-"""Frames near the target. With 55 of 25,000 the acrobot is swung up in 20 of 20 episodes; with none of 10,000 the
-keypoints of an arm were .03 image units off at its target, and 7 of 100 were."""
 SLOW = 128 * 128
 """Pixels of a frame, beyond which training takes more than four times as long as with 64 x 64."""
 ASIDE = 0.35
@@ -53,7 +48,7 @@ def weaknesses(dataset: Dataset, system: System | None = None, mechanism: Mechan
     data = dataset.sequences()
     yield from (*_amount(data), *_speed(dataset, data), *_actions(dataset, data))
     if system is not None and data.qpos is not None and data.qpos.shape[2] == len(system.joints):
-        yield from (*_still_keypoints(system, data.qpos), *_stops(system, data.qpos), *_target(system, data.qpos))
+        yield from (*_still_keypoints(system, data.qpos), *_stops(system, data.qpos))
     else:
         yield from _still_joints(dataset, data)
     if mechanism is not None and data.qpos is None:
@@ -149,20 +144,6 @@ def _stops(system: System, qpos: NDArray[np.float64]) -> list[str]:
                 "the range, start farther inside, or record with weaker actions."
             )
     return found
-
-
-def _target(system: System, qpos: NDArray[np.float64]) -> list[str]:
-    """Of a target that hardly any frame shows, which no estimator learns to see."""
-    away = qpos - np.array(system.target_qpos)
-    turns = np.array([joint.kind == "hinge" for joint in system.joints])
-    away = np.where(turns, (away + np.pi) % (2 * np.pi) - np.pi, away)
-    near = int((np.abs(away) < NEAR).all(axis=-1).sum())
-    if near >= SEEN:
-        return []
-    return [
-        f"{near or 'None'} of {away[..., 0].size} frames show{'s' * (near < 2)} the mechanism within {NEAR:g} rad or "
-        "m of its target, where an agent has to see it well; record more, in which it passes there or starts there."
-    ]
 
 
 def _still_joints(dataset: Dataset, data: Sequences) -> list[str]:

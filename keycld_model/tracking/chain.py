@@ -212,7 +212,8 @@ def _check_moved(film: Film, parts: list[Part]) -> None:
         way = float(np.hypot(*np.ptp(where, axis=0)))
         if way < LEAST_WAY:
             raise InputError(
-                f"{film.path}: nothing moves by more than {way * film.scale:.1f} pixels; film a mechanism that swings."
+                f"{film.path}: what could be followed moves by {way * film.scale:.1f} pixels only; film a mechanism "
+                "that swings, all of it, and nothing before it."
             )
 
 

@@ -192,8 +192,8 @@ def track(
     found = _Found(parts, circles, circles[0], None, 0, copies)
     if not circles[0].radius < FARTHEST * max(film.pixels.shape[1:3]):
         raise InputError(
-            f"What moves in {film.path} goes straight, and turns about no pivot that could be told; chains of rods can "
-            "be followed, slides cannot."
+            f"What could be followed in {film.path} goes straight, and turns about no pivot that could be told; chains "
+            "of rods can be followed if all of them is in view, slides cannot."
         )
     if len(parts) == 1:  # the links of a chain are thick, and lines along their edges do not meet at the pivot
         rods = find_rods(film, camera, area, places[:, 0], circles[0].centre, parts[0].thickness)

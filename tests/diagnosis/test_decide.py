@@ -13,13 +13,14 @@ from keycld_model.diagnosis import diagnose
 from keycld_model.diagnosis.criteria import STANDARD
 from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
+from keycld_model.diagnosis.estimation.replay import replay, rollout_error
 from keycld_model.diagnosis.inputs.observation import JointPositions
 from keycld_model.diagnosis.output.words import headline
 from keycld_model.diagnosis.search.criterion import Scored
 from keycld_model.diagnosis.search.explain import Explanation
 from keycld_model.diagnosis.search.search import Search
 from keycld_model.diagnosis.simulation.simulator import Simulator
-from keycld_model.diagnosis.verdict.decide import Conclusion, decide_on_named, doubted, settled
+from keycld_model.diagnosis.verdict.decide import Conclusion, decide_on_named, doubted, never_worse, settled
 from keycld_model.diagnosis.verdict.dropped import Dropped
 from keycld_model.diagnosis.verdict.findings import far_off, findings_of, may_be_absent
 from keycld_model.diagnosis.verdict.held_out import HeldOut
@@ -85,6 +86,27 @@ def test_of_forms_that_training_recordings_hardly_tell_apart_all_recordings_choo
     assert isinstance(effect, expected)
     (finding,) = findings_of(chosen, Rivals(chosen, {effect.key: []}, Dropped()))
     assert finding.confidence > 0.9
+
+
+def test_findings_that_leave_a_simulator_worse_than_it_was_are_not_sure():
+    """A refit that went far astray, which an effect mends by half."""
+    model = get_system("pendulum").compile()
+    runs = recordings("pendulum", 0, number=3, seconds=1.0)
+    problem = problem_of(Simulator(model, 0.01), runs)
+    good = minimise(problem, problem.start())
+    astray, less = (replay(problem, with_friction(good, b)) for b in (0.4, 0.2))
+    best = Scored.of(less)
+    explained = Explanation(Search(problem), astray, best, None)
+    found = [Finding.of(ViscousFriction("hinge", b=0.2), {}, 0.9)]
+    tested = HeldOut.of(recordings("pendulum", 1, number=3, seconds=1.0), astray)
+    concluded, rollouts = never_worse(Conclusion("mismatch", less, less, found, 40.0), explained, tested)
+    nominal, refitted, corrected = map(rollout_error, rollouts)
+    assert nominal < corrected < refitted and concluded.verdict == "undetermined" and concluded.findings
+
+
+def with_friction(fit: Fit, b: float) -> Fit:
+    """The same with friction, nothing fitted to it."""
+    return replace(fit, point=fit.point.with_effects(ViscousFriction("hinge", b=b)))
 
 
 def test_an_effect_that_only_held_out_recordings_show_clearly_is_named_and_not_called_unknown():

@@ -125,11 +125,16 @@ class Rollouts(NamedTuple):
 
 
 def never_worse(concluded: Conclusion, explained: Explanation, held_out: HeldOut) -> tuple[Conclusion, Rollouts]:
-    """What is handed back, which is the refitted simulator where findings make long rollouts worse."""
+    """What is handed back, which is the refitted simulator where findings make long rollouts worse.
+
+    Findings that leave them worse than the simulator as it was stand for a refit that went astray, of a camera above
+    all, and nothing is sure.
+    """
     fits = replace(explained.refitted, point=explained.refitted.problem.start()), explained.refitted, concluded.fit
     rollouts = Rollouts(*(held_out.long(fit) for fit in fits))
-    if rollout_error(rollouts.corrected) <= rollout_error(rollouts.refitted):
-        return concluded, rollouts
-    verdict = "undetermined" if concluded.findings else concluded.verdict
+    nominal, refitted, corrected = map(rollout_error, rollouts)
+    verdict = "undetermined" if concluded.findings and corrected > min(nominal, refitted) else concluded.verdict
+    if corrected <= refitted:
+        return replace(concluded, verdict=verdict), rollouts
     kept = replace(concluded, fit=explained.refitted, verdict=verdict)
     return kept, rollouts._replace(corrected=rollouts.refitted)
