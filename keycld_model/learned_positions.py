@@ -2,7 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
+import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +14,7 @@ from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording
-from keycld_model.camera import GREY, Camera, restored
+from keycld_model.camera import GREY, Camera, restore
 from keycld_model.image_alignment import Positions
 from keycld_model.image_alignment.films import frame_times
 from keycld_model.image_alignment.pose import TRUSTED, explained_share
@@ -103,8 +106,8 @@ def _as_the_model_sees(films: list[NDArray[np.uint8]], model: WorldModel) -> lis
     restoration = camera.restoration(drawn)
     if not restoration.changed:
         return films
-    seen = [np.stack([restored(restoration, background, frame) for frame in film]) for film in films]
-    return [(255 * film).round().astype(np.uint8) for film in seen]
+    seen = jax.jit(jax.vmap(partial(restore, restoration, jnp.asarray(background))))
+    return [(255 * np.asarray(seen(film)).clip(0.0, 1.0)).round().astype(np.uint8) for film in films]
 
 
 def _frames(recording: Recording, model: WorldModel) -> NDArray[np.uint8]:
