@@ -15,7 +15,7 @@ from keycld_control.overlay import GROUND, INK, draw_keypoints, draw_rods, in_pi
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_file, check_place
 from keycld_envs.mechanism import Mechanism
-from keycld_envs.recordings.video import write_video
+from keycld_envs.recordings.video import H264, write_video
 
 SUFFIXES = (".mp4", ".gif")
 PANEL, STRIP = 384, 96
@@ -148,8 +148,7 @@ def write_clip(path: Path, pictures: Iterator[NDArray[np.uint8]], frame_rate: fl
             chain([first], pictures),
             (first.shape[1], first.shape[0]),
             frame_rate,
-            codec="libx264",
-            output_params=["-crf", "20", "-preset", "fast", "-movflags", "+faststart", "-f", "mp4"],
+            **H264,
         )
 
 

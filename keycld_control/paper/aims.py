@@ -9,8 +9,8 @@ from keycld_control.paper.tables import Result, Table, chosen, interval, measure
 
 FEW = 50
 """Sequences that must suffice."""
-LASTING = ("pendulum", "cartpole")
-"""Systems whose angles must stay right over 500 frames; the acrobot is chaotic."""
+LASTING = "0.95 (pendulum), 0.9 of the true mechanism's (cartpole)"
+"""How long angles must stay right over 500 frames; the acrobot is chaotic."""
 Cell = Callable[[str, list[Result]], str]
 
 
@@ -29,7 +29,7 @@ def aims(results: Sequence[Result]) -> Table:
             _titles(ABLATIONS),
             *(_order(results, s) for s in systems),
         ),
-        row("angle VPT over 500 frames, from 5 frames", f"0.9 ({', '.join(LASTING)})", _angles, "long"),
+        row("angle VPT over 500 frames, from 5 frames", LASTING, _angles, "long"),
         row("angle VPT over 500 frames, from 20 frames", "", _informed, "long"),
         row("angle VPT of the true mechanism, from the true start in finer steps", "", _ceiling, "ceiling"),
         row("R² of V, worst sweep and seed", "0.99", _sweeps, "potential"),
@@ -42,9 +42,8 @@ def aims(results: Sequence[Result]) -> Table:
         "In short",
         "The order of the models is to be the paper's. Where NODE2 comes before KeyCLD-NC: a network sees velocities, "
         "but forces without constraints depend on position and action alone, so that centripetal accelerations have to "
-        f"come from a stiff V. Angles of {' and '.join(LASTING)} must reach 0.9; the acrobot's "
-        "stand beside its Lyapunov time below. Energy is the learned one, without actions, relative to the range of V "
-        "along the way.",
+        "come from a stiff V. The acrobot, which is chaotic, has no such aim for angles; its Lyapunov time stands "
+        "below. Energy is the learned one, without actions, relative to the range of V along the way.",
         ("measure", "must reach", *systems),
         tuple(r for r in rows if any(cell != "–" for cell in r[2:])),
     )

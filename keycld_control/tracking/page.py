@@ -1,4 +1,4 @@
-"""The page of a track: one HTML file that needs nothing else."""
+"""The page of a track: one HTML file, which shows the clip beside it."""
 
 import base64
 import io
@@ -19,6 +19,8 @@ from keycld_envs.templates import templates
 from keycld_model.tracking import Track
 from keycld_model.tracking.pendulum import Study
 
+OVERLAY = "overlay.mp4"
+"""The clip with the track drawn over the video, in the folder of the page."""
 PINK = "#e0457b"
 COLOURS = "#1f6f9f", "#d08a1d", "#4a8f3c", "#7a56b0"
 """Of the angles of one joint after the other."""
@@ -47,6 +49,7 @@ def html_page(track: Track, study: Study | None, numbers: Mapping[str, Any], str
     return page.render(
         plotly=plotly_script(),
         name=track.film.path.name,
+        overlay=OVERLAY,
         verdict=numbers["dissipation"],
         doubts=numbers["doubts"],
         rows=rows,

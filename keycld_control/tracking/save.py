@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from keycld_control.plain_json import write_json
 from keycld_control.tracking.overlay import clip_size, draw_overlay
-from keycld_control.tracking.page import html_page
+from keycld_control.tracking.page import OVERLAY, html_page
 from keycld_envs.errors import InputError
 from keycld_envs.files import atomic_folder
 from keycld_envs.progress import Advance
 from keycld_envs.recordings import Recording, write_recording
 from keycld_envs.recordings.storage import VIDEO_SUFFIXES
-from keycld_envs.recordings.video import write_video
+from keycld_envs.recordings.video import H264, write_video
 from keycld_model.tracking import Track
 from keycld_model.tracking.pendulum import Study
 
@@ -87,12 +87,11 @@ def save(
         write_recording(partial, recording)
         rate = (len(track.film) - 1) / float(np.ptp(track.film.times))
         write_video(
-            partial / "overlay.mp4",
+            partial / OVERLAY,
             frames(),
             clip_size(track),
             rate,
-            codec="libx264",
-            output_params=["-crf", "20", "-preset", "fast", "-movflags", "+faststart"],
+            **H264,
         )
         (partial / "report.html").write_text(html_page(track, study, numbers, strip), encoding="utf-8")
         write_json(partial / "track.json", numbers)

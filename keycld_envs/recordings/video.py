@@ -16,6 +16,8 @@ from keycld_envs.errors import InputError
 from keycld_envs.reading import check_file, check_size
 
 Frame = NDArray[np.uint8]
+H264 = {"codec": "libx264", "output_params": ["-crf", "20", "-preset", "fast", "-movflags", "+faststart", "-f", "mp4"]}
+"""Options of `write_video` for clips to look at, which every browser plays."""
 PLAINLY = {
     "moov atom not found": "it is cut short, or no MP4",
     "matches no streams": "it holds no pictures",

@@ -14,6 +14,7 @@ from plants import NOISE
 
 from keycld_envs.effects import EFFECTS, ActuatorDeadZone, GravityTilt, StribeckFriction, ViscousFriction, edited
 from keycld_envs.errors import InputError
+from keycld_envs.recordings.video import decode
 from keycld_envs.systems import REFERENCE_SYSTEMS, get_system
 from keycld_model.diagnosis import Evidence, Report, write_page
 from keycld_model.diagnosis.output.page import html_page
@@ -22,13 +23,15 @@ from keycld_model.diagnosis.output.page.elements import element, markup
 from keycld_model.diagnosis.output.page.geometry import skeleton
 from keycld_model.diagnosis.output.page.labels import Mark
 from keycld_model.diagnosis.output.page.mathml import mathml
+from keycld_model.diagnosis.output.page.strip import NUMBER
 from keycld_model.diagnosis.output.words import call, effect_name, error, headline, measured
-from keycld_model.diagnosis.verdict.evidence import Residuals, Rollout
+from keycld_model.diagnosis.verdict.evidence import Picture, Residuals, Rollout
 from keycld_model.diagnosis.verdict.region import Shape
 from keycld_model.diagnosis.verdict.report import Estimate, Experiment, Finding, FitErrors, Unexplained
 from keycld_model.rigid_body.residual_force import Features, ResidualForce
 
 LIMIT = 8_000_000
+SEEN = {"trusted_frames": 1.0, "read_frames": 1.0, "repeated": 0, "left_out": []}
 
 
 def swing(model: mujoco.MjModel, seconds: float = 1.6) -> np.ndarray:
@@ -424,3 +427,23 @@ def test_a_page_of_images_that_could_not_be_read():
     text = html_page(unread)
     assert sentence in text and "undetermined" in text
     assert 'id="errors"' not in text and 'id="rollouts"' not in text and 'id="residuals"' not in text
+
+
+def test_frames_of_a_film_move_with_their_links_drawn_over_them(report, tmp_path):
+    others = [[[16.0, 16], [4, 28]]]
+    links = [np.array([[[[16.0, 16], [16 + k, 28]]], others, others]) for k in range(12)]
+    links[5][0] = np.nan  # not seen
+    frames = tuple(Picture("run-0", 0.02 * k, np.zeros((32, 48, 3), np.uint8), ends) for k, ends in enumerate(links))
+    assert report.evidence is not None
+    page = html_page(replace(report, evidence=replace(report.evidence, pictures=frames), details={"images": SEEN}))
+    assert page.count('<figure><svg viewBox="0 0 48 32"') == NUMBER
+    ((_, clip),) = [(tag, given) for tag, given in Page(page).elements if tag == "video"]
+    path = tmp_path / "film.mp4"
+    path.write_bytes(base64.b64decode(clip["src"].removeprefix("data:video/mp4;base64,")))
+    shown = np.stack(list(decode(path)))
+    assert shown.shape == (12, 256, 384, 3)
+    yellow = (shown[..., 0] > 150) & (shown[..., 2] < 120)
+    assert [bool(frame.any()) for frame in yellow] == [k != 5 for k in range(12)]
+    right = [np.flatnonzero(frame[220:228].any(0)).mean() / 8 for k, frame in enumerate(yellow) if k != 5]
+    assert (shown[:, 160:216, 40:120, 2] > 150).any((1, 2)).all()  # blue
+    assert right == pytest.approx([16.5 + k * 11.5 / 12 for k in range(12) if k != 5], abs=0.5)

@@ -17,14 +17,14 @@ from keycld_model.image_alignment.films import LARGEST
 from keycld_model.image_alignment.look import as_seen, pixels_of
 
 Array = NDArray[np.float64]
-NUMBER = 8
-"""Frames that are shown."""
+MOST = 500
+"""Frames that are shown, 10 s of most cameras."""
 
 
 def pictures(
     rollouts: Sequence[Rollout], recordings: Sequence[Recording], positions: Positions, model: mujoco.MjModel
 ) -> tuple[Picture, ...]:
-    """Frames of the recording in which the refitted simulator is farthest off, or of the first one.
+    """Frames of the recording in which the refitted simulator is farthest off, about then, or the first frames.
 
     Args:
         rollouts: of recordings held out; none if nothing was tested.
@@ -43,9 +43,12 @@ def pictures(
         poses[0] = np.asarray(read.qpos)
     whole = {recording.id + part: recording for recording in recordings for part in ("", LAST_THIRD)}
     recording = whole[name]
-    wanted = {int(k) for k in np.linspace(0, len(times) - 1, NUMBER).round()}
+    off = np.abs(poses[1] - poses[0]).max(1)
+    worst = times[int(np.nanargmax(off))] if np.isfinite(off).any() else times[0]
     clock = np.asarray(recording.t_frame)
-    index = {int(np.abs(clock - times[k]).argmin()): k for k in sorted(wanted)}
+    there = np.flatnonzero((clock >= times[0]) & (clock <= times[-1]))
+    first = int(np.clip(np.searchsorted(clock[there], worst) - MOST // 2, 0, max(0, len(there) - MOST)))
+    index = {int(n): int(np.abs(times - clock[n]).argmin()) for n in there[first : first + MOST]}
     drawn = skeleton(as_seen(model, positions.parameters, positions.values))
     return tuple(
         Picture(

@@ -16,6 +16,7 @@ from keycld_envs.files import atomic_file
 from keycld_envs.templates import templates
 from keycld_model.diagnosis.output.page.drawing import draw
 from keycld_model.diagnosis.output.page.elements import Element, markup
+from keycld_model.diagnosis.output.page.film import film
 from keycld_model.diagnosis.output.page.labels import Mark
 from keycld_model.diagnosis.output.page.mathml import mathml
 from keycld_model.diagnosis.output.page.plot_data import Json, plot_data
@@ -68,6 +69,7 @@ def html_page(report: Report, environment: str | None = None, corrected: str | N
             verdict=(CHANGED if report.baseline else VERDICTS)[report.verdict],
             drawing=markup(_drawing(report, evidence)),
             strip=[(caption, markup(tile)) for caption, tile in strip(evidence.pictures)],
+            film=film(evidence.pictures),
             evidence_recording=evidence.pictures[0].recording if evidence.pictures else "",
             images=report.details.get("images"),
             errors=held_out_errors(report, evidence),

@@ -13,11 +13,14 @@ from keycld_model.diagnosis.verdict.evidence import Picture
 
 KINDS = ("measured", "refitted", "corrected")
 """Classes of the three sets of links, in their order."""
+NUMBER = 8
+"""Frames of the strip."""
 
 
 def strip(pictures: Sequence[Picture]) -> list[tuple[str, Element]]:
-    """A caption and a drawing of every picture."""
-    return [(f"{picture.time:.2f} s", _tile(picture)) for picture in pictures]
+    """A caption and a drawing of some of the pictures, from the first to the last."""
+    chosen = sorted({int(k) for k in np.linspace(0, len(pictures) - 1, NUMBER).round()}) if pictures else []
+    return [(f"{pictures[k].time:.2f} s", _tile(pictures[k])) for k in chosen]
 
 
 def _tile(picture: Picture) -> Element:
