@@ -447,3 +447,12 @@ def test_frames_of_a_film_move_with_their_links_drawn_over_them(report, tmp_path
     right = [np.flatnonzero(frame[220:228].any(0)).mean() / 8 for k, frame in enumerate(yellow) if k != 5]
     assert (shown[:, 160:216, 40:120, 2] > 150).any((1, 2)).all()  # blue
     assert right == pytest.approx([16.5 + k * 11.5 / 12 for k in range(12) if k != 5], abs=0.5)
+
+
+def test_the_headline_says_where_the_simulator_did_better_as_it_was(report):
+    astray = "As it was handed in, the simulator does better"
+    worse = replace(report.fit, nominal=0.5 * report.fit.corrected)
+    assert f"{astray}, {error(worse.nominal)} mrad" in headline(
+        "undetermined", report.findings, worse, report.unexplained
+    )
+    assert astray not in report.headline
