@@ -130,11 +130,8 @@ def headline(
     lacks = "lacks" if verdict == "mismatch" else "may lack"
     what = f"{what} that the simulator {lacks}" if len(findings) < 3 else f"The simulator {lacks} {what}"
     verb = "falls" if errors.corrected < errors.refitted else "goes"
-    astray = (
-        f" As it was handed in, the simulator does better, {error(errors.nominal)} {errors.unit}: the fit has gone astray."
-        if errors.nominal < errors.corrected
-        else ""
-    )
+    before = f"As it was handed in, the simulator does better, {error(errors.nominal)} {errors.unit}"
+    astray = f" {before}: the fit has gone astray." if errors.nominal < errors.corrected else ""
     return (
         f"{what[0].upper()}{what[1:]}; held-out error {verb} from {error(errors.refitted)} to "
         f"{error(errors.corrected)} {errors.unit}.{astray}{told}"
