@@ -4,7 +4,7 @@ All commands take this file in place of a system's name:
 
     keycld check my_arm.py                                        # draws it, says what does not fit
     keycld collect my_arm.py --out data/my_arm --workers 2        # 500 recordings of 50 frames
-    keycld train my_arm.py --data data/my_arm --out runs/my_arm
+    keycld train my_arm.py --data data/my_arm --out runs/my_arm --preset quick
     keycld evaluate runs/my_arm --data data/my_arm
     keycld swingup my_arm.py --weights runs/my_arm --video swingup.mp4
 """
