@@ -164,6 +164,31 @@ def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int, guard:
     bound = PAPER_ACTION_RANGE if settings.action_range is None else settings.action_range
     low, high = np.maximum(low, -bound), np.minimum(high, bound)
     actions = get_policy(settings.policy)(rng, settings.steps - 1, low, high).astype(np.float32)
+    return record_run(env, settings, index, qpos, qvel, actions, f"policy {settings.policy}", guard)
+
+
+def record_run(
+    env: KeyCLDEnv,
+    settings: CollectSettings,
+    index: int,
+    qpos: NDArray[np.float64],
+    qvel: NDArray[np.float64],
+    actions: NDArray[np.float32],
+    about: str,
+    guard: Guard | None = None,
+) -> Recording:
+    """Run and film one episode of these actions.
+
+    Args:
+        env: see `record_episode`.
+        settings: the environment's.
+        index: number of the episode, from 0.
+        qpos: `[nq]` where it begins, rad or m.
+        qvel: `[nv]` how fast, rad/s or m/s.
+        actions: `[T - 1, m]`; where the guard overrules them, its own are written here.
+        about: what is done, for the notes.
+        guard: may overrule actions.
+    """
     frame, info = env.reset(seed=0, options={"qpos": qpos, "qvel": qvel})
     frames, qpos_log, qvel_log = [frame], [info["qpos"]], [info["qvel"]]
     for action in actions:
@@ -173,7 +198,7 @@ def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int, guard:
         frames.append(frame)
         qpos_log.append(info["qpos"])
         qvel_log.append(info["qvel"])
-    clock = env.system.timestep * np.arange(settings.steps, dtype=np.float64)
+    clock = env.system.timestep * np.arange(len(frames), dtype=np.float64)
     hinges = [joint.kind == "hinge" for joint in env.system.joints]
     return Recording(
         id=episode_id(index),
@@ -191,7 +216,7 @@ def record_episode(env: KeyCLDEnv, settings: CollectSettings, index: int, guard:
         seed=settings.seed,
         licence="CC0-1.0",
         origin=f"keycld {__version__} collect, mujoco {mujoco.__version__}",
-        notes=f"policy {settings.policy}, episode {index}",
+        notes=f"{about}, episode {index}",
         t_action=clock[:-1],
         action=actions.astype(np.float64),
         t_state=clock,

@@ -28,6 +28,8 @@ class Args:
         baseline_episodes: Episodes of each other column (before, true, fine-tuned), with the same first starts; as many
             as after the correction if it is not given.
         recordings: Runs of the exploration, of 200 frames each.
+        experiments: Experiments to follow, at most, that a diagnosis proposes to tell rivals apart, each with another
+            diagnosis after it.
         observe: What the diagnosis compares: frames ("pixels"), measured joint positions ("states"), or both.
         fine_tune: Also train the model on the same recordings, and count with it.
         workers: Number of processes; the result does not depend on it.
@@ -42,6 +44,7 @@ class Args:
     episodes: int = 100
     baseline_episodes: int | None = None
     recordings: int = 12
+    experiments: int = 1
     observe: Literal["pixels", "both", "states"] = "pixels"
     fine_tune: bool = False
     workers: int = 1
@@ -65,6 +68,7 @@ def run(args: Args) -> None:
             args.episodes,
             args.baseline_episodes,
             args.recordings,
+            args.experiments,
             args.observe,
             args.fine_tune,
             args.seed,

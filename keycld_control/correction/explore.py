@@ -1,26 +1,28 @@
-"""Recordings that show what a mechanism does: safe, and rich enough for a diagnosis.
+"""Recordings that show what a mechanism does: safe, and rich enough for a diagnosis, or what one proposed.
 
 Runs are releases from rest and random commands of three strengths. Joint positions are read off every frame by the
 world model; a motor whose joint turns too fast, or whose cart leaves the middle of the picture, is told to brake. This
 needs no more than the sign of what the motor does.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs import KeyCLDEnv, make
-from keycld_envs.collect import CollectSettings, episode_id, record_episode
+from keycld_envs.collect import CollectSettings, episode_id, record_episode, record_run
 from keycld_envs.effects import Effect
 from keycld_envs.effects.edited import torque_per_command
 from keycld_envs.progress import progress
 from keycld_envs.recordings import Recording, read_dataset, write_recording
 from keycld_model import WorldModel
+from keycld_model.diagnosis.verdict.drive import Drive
 from keycld_model.joints import joint_positions
 
 FAST = {"hinge": 10.0, "slide": 2.0}
@@ -31,6 +33,10 @@ BRAKE = 0.5
 """Share of a motor's range with which it brakes."""
 SHARES = (0.0, 0.15, 0.4, 0.8)
 """Of the motors' range, of the commands of one run after the other; none is a release."""
+REPEATS = 3
+"""Recordings of a proposed experiment: two to learn from, one to test on."""
+ASIDE = 0.05
+"""Standard deviation of their starts, rad or m: as near as a hand places a mechanism."""
 STEPS = 200
 """Frames per run."""
 NOISE = 1e-3
@@ -84,15 +90,67 @@ def explore(
         recordings: number of runs.
         seed: of commands and starts; run i depends on it and on i only.
     """
+    return _record(out, env_id, model, effects, range(recordings), seed, _run)
+
+
+def follow(
+    out: Path,
+    env_id: str,
+    model: WorldModel,
+    effects: Sequence[Effect],
+    experiment: Mapping[str, Any],
+    first: int,
+    seed: int,
+) -> list[Recording]:
+    """Record the motion that a diagnosis proposes, a few times from almost the same pose.
+
+    Args:
+        out: folder of recordings, which has others.
+        env_id: see `explore`.
+        model: see `explore`.
+        effects: see `explore`.
+        experiment: `next_experiment` of a report.
+        first: number of the first of these recordings.
+        seed: see `explore`.
+
+    Returns:
+        All recordings of the folder.
+    """
+
+    def run(env: KeyCLDEnv, brake: Brake, settings: CollectSettings, index: int) -> Recording:
+        rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index,)))
+        start = np.array([experiment["start"][joint.name] for joint in env.system.joints])
+        actions = np.zeros((STEPS - 1, env.model.nu), np.float32)
+        drive = Drive(**experiment["drive"])
+        if drive.shape != "none":
+            times = env.system.timestep * np.arange(STEPS - 1, dtype=np.float64)
+            actions[:, env.system.actuators.index(experiment["where"]["name"])] = drive.commands(times)
+        qpos, guard = start + ASIDE * rng.standard_normal(len(start)), None if drive.shape == "none" else brake
+        return record_run(env, settings, index, qpos, np.zeros(env.model.nv), actions, experiment["action"], guard)
+
+    return _record(out, env_id, model, effects, range(first, first + REPEATS), seed, run)
+
+
+def _record(
+    out: Path,
+    env_id: str,
+    model: WorldModel,
+    effects: Sequence[Effect],
+    indices: range,
+    seed: int,
+    run: Callable[[KeyCLDEnv, Brake, CollectSettings, int], Recording],
+) -> list[Recording]:
+    """Those of the runs that are not there yet; all that are there."""
     height, width = model.image_shape
     settings = CollectSettings(env_id, STEPS, "piecewise", width=width, height=height, seed=seed)
     env = make(env_id, disable_env_checker=True, effects=tuple(effects), width=width, height=height).unwrapped
     assert isinstance(env, KeyCLDEnv)
-    with closing(env), progress("Exploring", total=recordings) as advance:
+    with closing(env), progress("Exploring", total=len(indices)) as advance:
         brake = Brake(model, env)
-        for index in range(recordings):
+        for index in indices:
             if not (out / episode_id(index)).exists():
-                write_recording(out / episode_id(index), _run(env, brake, settings, index))
+                brake.reset()
+                write_recording(out / episode_id(index), _measured(run(env, brake, settings, index), settings))
             advance()
     return list(read_dataset(out).recordings)
 
@@ -102,8 +160,12 @@ def _run(env: KeyCLDEnv, brake: Brake, settings: CollectSettings, index: int) ->
     share = SHARES[index % len(SHARES)]
     bound = float(env.action_space.high.max())
     own = replace(settings, policy="piecewise" if share else "release", action_range=share * bound or None)
-    brake.reset()
-    recording = record_episode(env, own, index, brake if share else None)
+    return record_episode(env, own, index, brake if share else None)
+
+
+def _measured(recording: Recording, settings: CollectSettings) -> Recording:
+    """As encoders would have it."""
     assert recording.qpos is not None
-    rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index, 1)))
+    number = int(recording.id.rpartition("-")[2])
+    rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(number, 1)))
     return replace(recording, qpos=recording.qpos + NOISE * rng.standard_normal(recording.qpos.shape), qvel=None)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,7 +12,7 @@ import mujoco
 from keycld_control.closed_loop import LoopSettings, make_loop, run_episode
 from keycld_control.correction.concealed import conceal
 from keycld_control.correction.corrections import corrections_of
-from keycld_control.correction.explore import explore
+from keycld_control.correction.explore import REPEATS, explore, follow
 from keycld_control.plain_json import plain, write_json
 from keycld_control.swingup import swing_up
 from keycld_envs import KeyCLDEnv, make, resolve_env_id
@@ -45,6 +46,8 @@ class LoopPlan:
         episodes: counted after the correction.
         baseline_episodes: counted in each of the other columns, with the same first starts; None takes as many.
         recordings: runs of the exploration.
+        experiments: to follow at most, of those that a diagnosis proposes where they would tell rivals apart, each with
+            another diagnosis after it.
         observe: what the diagnosis compares: frames, measured joint positions, or both.
         fine_tune: also train the model on the recordings, and count with it.
         seed: of the first counted episode.
@@ -55,6 +58,7 @@ class LoopPlan:
     episodes: int = 100
     baseline_episodes: int | None = None
     recordings: int = 12
+    experiments: int = 1
     observe: Observe = "pixels"
     fine_tune: bool = False
     seed: int = 0
@@ -63,7 +67,14 @@ class LoopPlan:
         object.__setattr__(self, "system", resolve_env_id(self.system))
         if self.baseline_episodes is None:
             object.__setattr__(self, "baseline_episodes", self.episodes)
-        floors = (("conceal", 0), ("episodes", 1), ("baseline_episodes", 1), ("recordings", 3), ("seed", 0))
+        floors = (
+            ("conceal", 0),
+            ("episodes", 1),
+            ("baseline_episodes", 1),
+            ("recordings", 3),
+            ("experiments", 0),
+            ("seed", 0),
+        )
         for name, least in floors:
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)}; it must be at least {least}.")
@@ -92,8 +103,7 @@ def close_the_loop(plan: LoopPlan, out: Path, workers: int = 1) -> dict[str, Any
         base = LoopSettings(plan.system, seed=plan.seed)
         drawn = _kept(out / "concealed.json", lambda: _conceal(plan, base))
         concealed = effects_from_json(drawn["effects"], f"{out / 'concealed.json'}: effects")
-        recordings = explore(out / "recordings", plan.system, model, concealed, plan.recordings, plan.conceal)
-        report = _kept(out / "report.json", lambda: _diagnose(plan, recordings, workers))
+        report, proposed = _report(plan, model, concealed, out, workers)
         found, left = corrections_of(report, str(out / "report.json"))
         model.with_effects(found).save(out / "corrected")
         arms = {"before": {}, "after": {"corrections": found}, "true": {"corrections": concealed}}
@@ -109,10 +119,29 @@ def close_the_loop(plan: LoopPlan, out: Path, workers: int = 1) -> dict[str, Any
             "verdict": report["verdict"],
             "found": [effect_to_json(effect) for effect in found],
             "not_corrected": left,
+            "experiments": proposed,
             **counts,
         }
         write_json(out / "loop.json", result)
         return result
+
+
+def _report(
+    plan: LoopPlan, model: WorldModel, concealed: Sequence[Effect], out: Path, workers: int
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The report of the last diagnosis, written as report.json, and the experiments that those before it proposed."""
+    folder, followed = out / "recordings", []
+    recordings = explore(folder, plan.system, model, concealed, plan.recordings, plan.conceal)
+    while True:
+        path = out / "reports" / f"{len(followed)}.json"
+        report = _kept(path, partial(_diagnose, plan, recordings, workers))
+        proposed = report["next_experiment"]
+        if len(followed) == plan.experiments or proposed is None or not proposed["decisive"]:
+            write_json(out / "report.json", report)
+            return report, followed
+        first = plan.recordings + REPEATS * len(followed)
+        recordings = follow(folder, plan.system, model, concealed, proposed, first, plan.conceal)
+        followed.append(proposed)
 
 
 def _count(arm: str, settings: LoopSettings, plan: LoopPlan, out: Path, workers: int) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Agents that make up for physics that their model has not learned."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from keycld_control.cli import main
 from keycld_control.closed_loop import Loop, run_episode
 from keycld_control.correction.concealed import conceal, draw, possible
 from keycld_control.correction.corrections import corrections_of
+from keycld_control.correction.explore import ASIDE, STEPS, follow
 from keycld_control.correction.loop import environment_simulator
 from keycld_envs import InputError, get_system, make
 from keycld_envs.effects import (
@@ -27,7 +28,9 @@ from keycld_envs.effects import (
     GravityTilt,
 )
 from keycld_envs.effects.stored import effect_to_json
+from keycld_model import WorldModel
 from keycld_model.added_effects import added_effects
+from keycld_model.diagnosis.verdict.drive import Drive
 from keycld_model.physics import PointMasses
 
 LIMIT = 3.0
@@ -176,6 +179,31 @@ def test_a_loop_that_cannot_run_leaves_no_folder(words, named, tmp_path, monkeyp
     assert main(["loop", *words, "--conceal", "7", "--out", "loop"]) == 2
     assert named in capsys.readouterr().err
     assert not (tmp_path / "loop").exists()
+
+
+@pytest.mark.render
+def test_a_proposed_experiment_is_recorded_as_it_was_proposed(tmp_path):
+    model, weak = WorldModel.load("cartpole"), ActuatorGain("hinge_1", 0.5)
+    proposed = {
+        "where": {"kind": "actuator", "name": "hinge_1"},
+        "action": "drive it with a sine of 2 Hz up to 1",
+        "start": {"slider": 0.3, "hinge_1": 3.0},
+        "drive": asdict(Drive("sine", 1.0, 2.0)),
+    }
+    first = follow(tmp_path, "KeyCLD/Cartpole-v0", model, [weak], proposed, 12, seed=5)
+    assert [run.id for run in first] == ["episode-00012", "episode-00013", "episode-00014"]
+    starts = np.array([run.qpos[0] for run in first])
+    assert np.abs(starts - [0.3, 3.0]).max() < 5 * ASIDE and np.ptp(starts, axis=0).min() > 0
+    for run in first:
+        assert (
+            run.action[:, 1] == pytest.approx(np.sin(4 * np.pi * run.t_action), abs=1e-6) and not run.action[:, 0].any()
+        )
+        assert len(run.frames) == STEPS
+    again = follow(tmp_path, "KeyCLD/Cartpole-v0", model, [weak], proposed, 12, seed=5)
+    assert all(np.array_equal(a.qpos, b.qpos) for a, b in zip(first, again, strict=True))
+    released = {**proposed, "drive": asdict(Drive())}
+    (*_, last) = follow(tmp_path, "KeyCLD/Cartpole-v0", model, [weak], released, 15, seed=5)
+    assert last.id == "episode-00017" and not last.action.any()
 
 
 @pytest.mark.long

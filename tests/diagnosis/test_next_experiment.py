@@ -14,6 +14,7 @@ from keycld_model.diagnosis.estimation.fit import Fit
 from keycld_model.diagnosis.estimation.gauss_newton import minimise
 from keycld_model.diagnosis.output.words import experiment
 from keycld_model.diagnosis.simulation.simulator import Simulator
+from keycld_model.diagnosis.verdict.drive import Drive
 from keycld_model.diagnosis.verdict.next_experiment import FASTEST, next_experiment
 from keycld_model.diagnosis.verdict.report import Experiment
 
@@ -54,6 +55,7 @@ def test_a_spring_is_told_from_a_force_by_a_motion_that_tells_them(swings, fits)
     simulator, window = spring.problem.simulator, swings[0]
     start = np.array([proposed.start["hinge"]])
     assert abs(start[0] - np.pi) > 0.2 or "drive" in proposed.action
+    assert (proposed.where["kind"] == "joint") == (proposed.drive.shape == "none")
     if proposed.where["kind"] == "joint":  # done for real, the rival leaves as much as was said, within the noise
         still = replace(window, t_state=0.01 * np.arange(80), qpos=np.repeat(start[None], 80, axis=0))
         q, v = start[None], np.zeros((1, 1))
@@ -94,6 +96,17 @@ def test_slides_are_released_and_where_nothing_can_be_done_nothing_is_proposed(l
     else:
         assert proposed is not None and proposed.decisive and proposed.where == {"kind": "joint", "name": "x"}
         assert proposed.action.startswith("release it 0.5 m from rest")
+
+
+def test_commands_of_a_drive():
+    time = 0.01 * np.arange(200)
+    sine, steps = Drive("sine", 1.5, 2.0), Drive("steps", 0.5, 2.5)
+    assert sine.commands(time) == pytest.approx(1.5 * np.sin(4 * np.pi * time))
+    told = steps.commands(time).reshape(5, 40)  # .4 s each
+    assert (np.ptp(told, axis=1) == 0).all() and len(set(told[:, 0])) == 5 and np.abs(told).max() <= 0.5
+    assert np.array_equal(steps.commands(time[:80]), told[:2].ravel())
+    assert not Drive().commands(time).any()
+    assert [str(each) for each in (sine, steps)] == ["a sine of 2 Hz up to 1.5", "random steps every 0.4 s up to 0.5"]
 
 
 def test_words_of_a_proposal():

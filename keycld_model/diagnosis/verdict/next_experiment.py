@@ -15,6 +15,7 @@ from keycld_model.diagnosis.estimation.point import Point
 from keycld_model.diagnosis.estimation.problem import Problem
 from keycld_model.diagnosis.inputs.prepare import spacing
 from keycld_model.diagnosis.inputs.windows import Windows, cut
+from keycld_model.diagnosis.verdict.drive import Drive
 from keycld_model.diagnosis.verdict.report import Experiment
 
 Array = NDArray[np.float64]
@@ -32,6 +33,7 @@ class _Motion:
         action: a phrase.
         pose: `[nv]` rad or m.
         commands: `[N, nu]`, one per sample.
+        drive: the commands of that place.
     """
 
     kind: str
@@ -39,6 +41,7 @@ class _Motion:
     action: str
     pose: Array
     commands: Array
+    drive: Drive
 
 
 def next_experiment(truth: Fit, rivals: Sequence[tuple[str, Fit]], n: int) -> Experiment | None:
@@ -78,6 +81,7 @@ def next_experiment(truth: Fit, rivals: Sequence[tuple[str, Fit]], n: int) -> Ex
         nats=round(nats, 1),
         against=[name for name, _ in rivals],
         decisive=nats > problem.criteria.doubtful,
+        drive=chosen.drive,
     )
 
 
@@ -115,24 +119,16 @@ def _motions(model: mujoco.MjModel, recordings: Sequence[Recording], n: int) -> 
             pose = rest.copy()
             pose[j] += size
             away = f"{size:g} {'rad' if turns else 'm'} from rest"
-            yield _Motion("joint", model.joint(j).name, f"release it {away}", pose, still)
-    t = spacing(recordings) * np.arange(n)
-    steps = np.random.default_rng(0).uniform(-1, 1, int(t[-1] / 0.4) + 1)
-    shapes = {
-        "a sine of 0.4 Hz": np.sin(2 * np.pi * 0.4 * t),
-        "a sine of 2 Hz": np.sin(2 * np.pi * 2.0 * t),
-        "random steps every 0.4 s": steps[(t / 0.4).astype(int)] / np.abs(steps).max(),
-    }
+            yield _Motion("joint", model.joint(j).name, f"release it {away}", pose, still, Drive())
+    t = spacing(recordings) * np.arange(n, dtype=np.float64)
     for i in range(commanded):
         used = max((float(np.abs(r.action[:, i]).max()) for r in recordings if r.action is not None), default=0.0)
         limit = float(np.abs(model.actuator_ctrlrange[i]).max()) if model.actuator_ctrllimited[i] else np.inf
         for size in sorted({min(limit, a * (used or min(limit, 1.0))) for a in (0.25, 1.0, 2.0)}):
-            for name, shape in shapes.items():
+            for drive in (Drive("sine", size, 0.4), Drive("sine", size, 2.0), Drive("steps", size, 2.5)):
                 commands = still.copy()
-                commands[:, i] = size * shape
-                yield _Motion(
-                    "actuator", model.actuator(i).name, f"drive it with {name} up to {size:.2g}", rest, commands
-                )
+                commands[:, i] = drive.commands(t)
+                yield _Motion("actuator", model.actuator(i).name, f"drive it with {drive}", rest, commands, drive)
 
 
 def _rest(model: mujoco.MjModel, recordings: Sequence[Recording]) -> Array:

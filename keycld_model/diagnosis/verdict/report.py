@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from keycld_envs.effects import Effect
 from keycld_model.diagnosis.estimation.replay import error_unit
+from keycld_model.diagnosis.verdict.drive import Drive
 from keycld_model.diagnosis.verdict.evidence import Evidence
 
 Verdict = Literal["no_mismatch", "mismatch", "undetermined"]
@@ -143,6 +144,7 @@ class Experiment:
         nats: expected gain in log-likelihood over the least different of them.
         decisive: that is enough; if not, even the best motion hardly tells them apart, and something else than
             positions of these joints should be measured.
+        drive: what the actuator is told.
     """
 
     where: dict[str, str]
@@ -151,6 +153,7 @@ class Experiment:
     against: list[str]
     nats: float
     decisive: bool
+    drive: Drive = field(default_factory=Drive)
 
 
 @dataclass(frozen=True)
