@@ -71,17 +71,25 @@ def run(args: Args) -> None:
         recipe = with_rate(with_networks(PRESETS[args.preset], **sizes), args.learning_rate_scale)
     networks = recipe.networks if isinstance(recipe, Preset) else PRESETS[recipe].networks
     config = ModelConfig.of(dataset, mechanism, name, networks)
-    weak = []
+    weak: list[str] = []
 
-    def warn() -> None:
+    def warn(sentence: str) -> None:
+        print(f"keycld: warning: {sentence}", file=sys.stderr, flush=True)
+        weak.append(sentence)
+
+    def look() -> None:
         for sentence in weaknesses(dataset, None if name is None else system_of(name), mechanism):
-            print(f"keycld: warning: {sentence}", file=sys.stderr, flush=True)
-            weak.append(sentence)
+            warn(sentence)
 
     about = {"system": args.system, "preset": args.preset, "seed": args.seed, "data": str(args.data)}
     steps = PRESETS[args.preset].steps
     with watching(args.out, about, args.log, steps, lambda: dataset.split(args.validation)[1]) as watchers:
-        result = train(dataset, config, args.out, recipe, args.seed, args.validation, watchers=watchers, on_start=warn)
+        result = train(dataset, config, args.out, recipe, args.seed, args.validation, watchers=watchers, on_start=look)
+    if result.spare is not None:
+        warn(
+            f"Keypoint {result.spare} follows no part of its own, while something else moves that no keypoint draws; "
+            "begin again with another --seed, or show that part larger, in another colour, or in larger motions."
+        )
     summary = {
         "system": name,
         "checkpoint": str(result.folder),

@@ -26,6 +26,7 @@ from keycld_model.training.align import Align
 from keycld_model.training.data import TrainingData, check_fits
 from keycld_model.training.folder import check_run_folder
 from keycld_model.training.presets import PRESETS, Preset
+from keycld_model.training.relocate import spare_keypoint
 from keycld_model.training.sharding import Devices
 from keycld_model.training.stage import Stage, Variables, model_parameters
 from keycld_model.training.step import make_step
@@ -63,6 +64,7 @@ class TrainingResult:
         steps: optimiser steps of the recipe, with those of stages that were not needed.
         seconds: computing time of all sessions of the run.
         validation_vpt: mean valid prediction time on held-out recordings, fraction of the frames.
+        spare: a keypoint that follows no part of its own, while a part has none; see `spare_keypoint`.
     """
 
     model: WorldModel
@@ -70,6 +72,7 @@ class TrainingResult:
     steps: int
     seconds: float
     validation_vpt: float
+    spare: int | None
 
 
 def train(
@@ -215,6 +218,7 @@ class _Run:
             )
         started = time.perf_counter()
         score = self._score(variables, refine=True)
+        spare = spare_keypoint(self.parts, variables, self.data)
         seconds += time.perf_counter() - started
         summary = {"seconds": round(seconds, 1), "steps": self.preset.steps, "validation_vpt": score}
         model = WorldModel(
@@ -226,7 +230,7 @@ class _Run:
         if self.devices.first:
             model.save(self.folder)
             self._show(model, finished=True)
-        return TrainingResult(model, self.folder, self.preset.steps, seconds, score)
+        return TrainingResult(model, self.folder, self.preset.steps, seconds, score, spare)
 
     def _resume(self) -> tuple[int, int, float, Variables, Any]:
         if not (self.folder / STATE).exists():

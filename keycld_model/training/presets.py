@@ -39,10 +39,11 @@ class Preset:
         return sum(stage.steps for stage in self.stages)
 
 
-RELOCATION = (
+RELOCATION = 2 * (
     Relocate(steps=200, batch=16, learning_rate=4e-3),
     Rediscover(steps=400, batch=8, learning_rate=2e-3),
 )
+"""Twice, since two parts may be left without a keypoint; what is not needed is left out."""
 
 DEFAULT = Preset(
     NetworkConfig(),

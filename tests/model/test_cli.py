@@ -89,9 +89,13 @@ def test_train_prints_a_summary(data, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(loop, "COLLAPSED", 0.0)
     monkeypatch.setattr("keycld_model.modules.Parts.initial", initial)
     monkeypatch.setattr(loop, "prediction_errors", rough_errors)
+    monkeypatch.setattr(loop, "spare_keypoint", lambda parts, variables, data: 0)
     out = tmp_path / "out"
     assert main(["train", "pendulum", "--data", str(data), "--out", str(out), "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
+    said = capsys.readouterr()
+    summary = json.loads(said.out)
+    warning = "Keypoint 0 follows no part of its own"
+    assert warning in said.err and any(warning in sentence for sentence in summary["weaknesses"])
     assert summary.keys() == {"system", "checkpoint", "steps", "seconds", "validation_vpt", "weaknesses", "seed"}
     assert (summary["system"], summary["steps"], summary["checkpoint"]) == (SYSTEM, 6, str(out))
     assert WorldModel.load(out).system == SYSTEM

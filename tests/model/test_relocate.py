@@ -12,6 +12,7 @@ from jax import Array
 from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_model.modules import as_float
 from keycld_model.training.data import TrainingData
+from keycld_model.training.presets import PRESETS
 from keycld_model.training.relocate import Rediscover, Relocate, spare_keypoint, unexplained
 
 SIZE, FRAMES = 32, 120
@@ -100,6 +101,12 @@ def test_two_keypoints_on_one_part_leave_one_for_the_other(colour, data, truth):
     again = Rediscover(steps=1, batch=8, learning_rate=1e-3)
     assert again.needed(parts, after, data) and not again.needed(parts, NOTHING, data)
     assert again.leave(parts, after, data) == NOTHING
+
+
+@pytest.mark.parametrize("name", ["default", "quick"])
+def test_two_keypoints_may_be_moved_one_after_the_other(name):
+    kinds = [type(stage) for stage in PRESETS[name].stages if isinstance(stage, Relocate | Rediscover)]
+    assert kinds == [Relocate, Rediscover] * 2
 
 
 def test_keypoints_that_explain_all_but_noise_stay(data):
