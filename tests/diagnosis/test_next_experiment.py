@@ -99,7 +99,7 @@ def test_slides_are_released_and_where_nothing_can_be_done_nothing_is_proposed(l
 
 
 def test_commands_of_a_drive():
-    time = 0.01 * np.arange(200)
+    time = 0.01 * np.arange(200, dtype=np.float64)
     sine, steps = Drive("sine", 1.5, 2.0), Drive("steps", 0.5, 2.5)
     assert sine.commands(time) == pytest.approx(1.5 * np.sin(4 * np.pi * time))
     told = steps.commands(time).reshape(5, 40)  # .4 s each
