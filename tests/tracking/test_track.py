@@ -87,6 +87,7 @@ def test_command_writes_a_recording_a_clip_and_a_page(tmp_path, capsys):
     assert recording.qpos_std is not None and np.nanmedian(recording.qpos_std) < 0.02
     for name in ("overlay.mp4", "report.html", "track.json"):
         assert (tmp_path / "out" / name).stat().st_size > 1000
+    assert '<video controls loop muted playsinline src="overlay.mp4"' in (tmp_path / "out" / "report.html").read_text()
     assert main(words) == 2
 
 
