@@ -34,7 +34,7 @@ BRAKE = 0.5
 SHARES = (0.0, 0.15, 0.4, 0.8)
 """Of the motors' range, of the commands of one run after the other; none is a release."""
 REPEATS = 3
-"""Recordings of a proposed experiment: two to learn from, one to test on."""
+"""Recordings of a proposed experiment, since a diagnosis holds every third one out."""
 ASIDE = 0.05
 """Standard deviation of their starts, rad or m: as near as a hand places a mechanism."""
 STEPS = 200
@@ -150,7 +150,7 @@ def _record(
         for index in indices:
             if not (out / episode_id(index)).exists():
                 brake.reset()
-                write_recording(out / episode_id(index), _measured(run(env, brake, settings, index), settings))
+                write_recording(out / episode_id(index), _measured(run(env, brake, settings, index), seed, index))
             advance()
     return list(read_dataset(out).recordings)
 
@@ -163,9 +163,8 @@ def _run(env: KeyCLDEnv, brake: Brake, settings: CollectSettings, index: int) ->
     return record_episode(env, own, index, brake if share else None)
 
 
-def _measured(recording: Recording, settings: CollectSettings) -> Recording:
+def _measured(recording: Recording, seed: int, index: int) -> Recording:
     """As encoders would have it."""
     assert recording.qpos is not None
-    number = int(recording.id.rpartition("-")[2])
-    rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(number, 1)))
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index, 1)))
     return replace(recording, qpos=recording.qpos + NOISE * rng.standard_normal(recording.qpos.shape), qvel=None)

@@ -103,7 +103,7 @@ def close_the_loop(plan: LoopPlan, out: Path, workers: int = 1) -> dict[str, Any
         base = LoopSettings(plan.system, seed=plan.seed)
         drawn = _kept(out / "concealed.json", lambda: _conceal(plan, base))
         concealed = effects_from_json(drawn["effects"], f"{out / 'concealed.json'}: effects")
-        report, proposed = _report(plan, model, concealed, out, workers)
+        report, followed = _report(plan, model, concealed, out, workers)
         found, left = corrections_of(report, str(out / "report.json"))
         model.with_effects(found).save(out / "corrected")
         arms = {"before": {}, "after": {"corrections": found}, "true": {"corrections": concealed}}
@@ -119,7 +119,7 @@ def close_the_loop(plan: LoopPlan, out: Path, workers: int = 1) -> dict[str, Any
             "verdict": report["verdict"],
             "found": [effect_to_json(effect) for effect in found],
             "not_corrected": left,
-            "experiments": proposed,
+            "experiments": followed,
             **counts,
         }
         write_json(out / "loop.json", result)
@@ -129,7 +129,7 @@ def close_the_loop(plan: LoopPlan, out: Path, workers: int = 1) -> dict[str, Any
 def _report(
     plan: LoopPlan, model: WorldModel, concealed: Sequence[Effect], out: Path, workers: int
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """The report of the last diagnosis, written as report.json, and the experiments that those before it proposed."""
+    """The report of the last diagnosis, written as report.json, and the experiments that followed from those before."""
     folder, followed = out / "recordings", []
     recordings = explore(folder, plan.system, model, concealed, plan.recordings, plan.conceal)
     while True:

@@ -48,23 +48,23 @@ def pictures(
     clock = np.asarray(recording.t_frame)
     there = np.flatnonzero((clock >= times[0]) & (clock <= times[-1]))
     first = int(np.clip(np.searchsorted(clock[there], worst) - MOST // 2, 0, max(0, len(there) - MOST)))
-    index = {int(n): int(np.abs(times - clock[n]).argmin()) for n in there[first : first + MOST]}
+    shown = there[first : first + MOST]
+    near = [int(np.abs(times - clock[n]).argmin()) for n in shown]
     drawn = skeleton(as_seen(model, positions.parameters, positions.values))
+    links = dict(zip(shown.tolist(), _links(drawn, poses[:, near].swapaxes(0, 1), positions), strict=True))
     return tuple(
-        Picture(
-            recording.id, float(times[index[n]]), reduced(frame, LARGEST), _links(drawn, poses[:, index[n]], positions)
-        )
+        Picture(recording.id, float(clock[n]), reduced(frame, LARGEST), links[n])
         for n, frame in enumerate(recording.iter_frames())
-        if n in index
+        if n in links
     )
 
 
 def _links(drawn: Skeleton, q: Array, positions: Positions) -> Array:
-    """Both ends of every link `[3, L, 2, 2]` in pixels, at positions `[3, nq]`."""
+    """Both ends of every link `[..., L, 2, 2]` in pixels, at positions `[..., nq]`."""
     data = mujoco.MjData(drawn.model)
     mujoco.mj_forward(drawn.model, data)
     height, width = positions.size
     seen = world_to_image(drawn.model, data, drawn.in_space(q), positions.camera, width, height)
     focal = focal_length(drawn.model, positions.camera, height)
     ends = pixels_of(seen, positions.values, positions.size, focal)
-    return np.stack([ends[:, [link.start, link.end]] for link in drawn.links], axis=1)
+    return np.stack([ends[..., [link.start, link.end], :] for link in drawn.links], axis=-3)

@@ -15,7 +15,7 @@ class Drive:
 
     Attributes:
         shape: "none", "sine" from zero, or "steps", uniform at random and always the same.
-        size: largest of them, in the motor's unit.
+        size: amplitude of the sine, or bound of the steps, in the motor's unit.
         hz: of the sine, or number of steps per second.
     """
 
