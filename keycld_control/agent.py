@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from keycld_control.actuation import Actuation, Outlook
 from keycld_control.law import LAWS, Law
+from keycld_control.limit_cycle import Swinging, no_swinging, watched
 from keycld_control.limits import action_bounds
 from keycld_control.observer import Estimate, choose, first_estimate, predicted
 from keycld_control.plant import KEYPOINT_NOISE, LearnedModel, Plant, advanced, energy, project, responses
@@ -43,6 +44,7 @@ class Belief(NamedTuple):
         pump: memory of energy pumping.
         energy: learned T + V, in units of total mass 1 x (image units / s)^2.
         trust: what is thought of the images.
+        swinging: whether the mechanism swings about its target, and how far images are believed.
     """
 
     estimate: Estimate
@@ -50,6 +52,7 @@ class Belief(NamedTuple):
     pump: PumpState
     energy: Array
     trust: Trust
+    swinging: Swinging
 
 
 class EnergyShapingAgent:
@@ -266,19 +269,20 @@ def _compile(
 
     ahead = _ahead(plant, lead, wanted)
 
-    def decide(estimate: Estimate, memory: PumpState, trust: Trust, outlook: Outlook) -> Belief:
+    def decide(estimate: Estimate, memory: PumpState, trust: Trust, swinging: Swinging, outlook: Outlook) -> Belief:
         x, v = estimate.x, estimate.v
         action, memory = ahead(x, v, memory, outlook)
         weight = jnp.where(trust.beginning, 0.0, jnp.clip((lost - trust.unseen) / fading, 0.0, 1.0))
         action = jnp.where(weight > 0, weight * action, 0.0)
-        return Belief(estimate, action, memory, energy(plant, x, v), trust)
+        return Belief(estimate, action, memory, energy(plant, x, v), trust, swinging)
 
     def first(image: ArrayLike, restoration: Restoration, outlook: Outlook) -> Belief:
         pixels = restore(restoration, known.background, jnp.asarray(image))
         keypoints = see(pixels)
         estimate = first_estimate(plant, keypoints)
         shown = shows_mechanism(plant, known, pixels, keypoints)
-        return decide(estimate, first_pump_state(), first_trust(estimate, jnp.where(shown, 0, lost)), outlook)
+        trust = first_trust(estimate, jnp.where(shown, 0, lost))
+        return decide(estimate, first_pump_state(), trust, no_swinging(plant), outlook)
 
     def following(
         belief: Belief, image: ArrayLike, repeated: ArrayLike, restoration: Restoration, outlook: Outlook
@@ -288,8 +292,9 @@ def _compile(
         keypoints, applied = see(pixels), jnp.asarray(outlook.applied)
         shown = shows_mechanism(plant, known, pixels, keypoints)
         prior = choose(blind, belief.estimate, predicted(plant, belief.estimate, applied))
-        estimate, trust = judged(plant, belief.trust, prior, applied, keypoints, shown, jnp.asarray(repeated), blind)
-        return decide(estimate, belief.pump, trust, outlook)
+        again, noise = jnp.asarray(repeated), belief.swinging.noise
+        estimate, trust = judged(plant, belief.trust, prior, applied, keypoints, shown, again, blind, noise)
+        return decide(estimate, belief.pump, trust, watched(plant, target, belief.swinging, estimate), outlook)
 
     return jax.jit(first), jax.jit(following)
 

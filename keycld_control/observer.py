@@ -11,6 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.typing import ArrayLike
 
 from keycld_control.plant import Plant, advanced, project
 
@@ -52,11 +53,11 @@ def predicted(plant: Plant, estimate: Estimate, action: Array) -> Estimate:
     return Estimate(x, v, covariance)
 
 
-def corrected(plant: Plant, prior: Estimate, keypoints: Array) -> Estimate:
-    """What is known with the keypoints `[n]` seen."""
+def corrected(plant: Plant, prior: Estimate, keypoints: Array, noise: ArrayLike) -> Estimate:
+    """What is known with the keypoints `[n]` seen, which are off by `noise` (standard deviation, image units)."""
     p, c, s = prior.covariance
-    noise = plant.keypoint_noise**2
-    gain_x, gain_v = p / (p + noise), c / (p + noise)
+    innovation = p + jnp.square(noise)
+    gain_x, gain_v = p / innovation, c / innovation
     surprise = keypoints - prior.x
     x, v = project(plant, prior.x + gain_x * surprise, prior.v + gain_v * surprise)
     return Estimate(x, v, jnp.stack([(1 - gain_x) * p, (1 - gain_x) * c, s - gain_v * c]))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.typing import ArrayLike
 
 from keycld_control.observer import LOST, Estimate, choose, corrected, first_estimate, predicted
 from keycld_control.plant import Plant
@@ -69,6 +70,7 @@ def judged(
     shown: Array,
     repeated: Array,
     blind: Array,
+    noise: ArrayLike,
 ) -> tuple[Estimate, Trust]:
     """The estimate with one more image, as far as it can be trusted, and what is thought of images then.
 
@@ -81,18 +83,19 @@ def judged(
         shown: the image shows the mechanism (scalar bool).
         repeated: it is the image before, bit for bit (scalar bool).
         blind: too many images did not, for the prediction to count (scalar bool).
+        noise: standard deviation of keypoints, image units.
     """
     ghost = jax.lax.cond(repeated, lambda: predicted(plant, trust.ghost, action), lambda: trust.ghost)
     frozen = repeated & (surprise(ghost, keypoints) > FROZEN)
     shown = shown & ~frozen
     off = surprise(prior, keypoints)
-    doubt = trust.doubt + (off**2 / (prior.covariance[0] + plant.keypoint_noise**2) - trust.doubt) / MEMORY
+    doubt = trust.doubt + (off**2 / (prior.covariance[0] + jnp.square(noise)) - trust.doubt) / MEMORY
     agrees = shown & ~blind & (off < LOST) & (trust.beginning | (doubt < DOUBTFUL))  # also false for NaN
     anew = shown & ~agrees
     estimate = jax.lax.cond(
         anew,
         lambda: first_estimate(plant, keypoints),
-        lambda: choose(agrees, corrected(plant, prior, keypoints), prior),
+        lambda: choose(agrees, corrected(plant, prior, keypoints, noise), prior),
     )
     doubt = jnp.where(anew, jnp.clip(2 * trust.doubt, DOUBT, MOST_DOUBT), jnp.where(agrees, doubt, trust.doubt))
     fresh = ~repeated | (trust.repeats * plant.timestep > FROZEN_AFTER)

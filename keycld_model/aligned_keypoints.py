@@ -17,7 +17,7 @@ from keycld_model.numerics import evenly_spaced
 
 Floats = NDArray[np.float32]
 SPREAD = 0.02
-"""Standard deviation of a keypoint's error before it is aligned, image units (.6 of 64 pixels)."""
+"""Standard deviation of an estimated keypoint's error before it is aligned, image units (.6 of 64 pixels)."""
 ITERATIONS = 3
 """Gauss-Newton steps a frame."""
 SAMPLE = 400
@@ -26,7 +26,9 @@ CHUNK = 100
 """Frames at a time."""
 
 
-def align(parts: Parts, parameters: Parameters, frames: NDArray[np.uint8], positions: Floats) -> Floats:
+def align(
+    parts: Parts, parameters: Parameters, frames: NDArray[np.uint8], positions: Floats, spread: Floats | float = SPREAD
+) -> Floats:
     """Move keypoints to where the pictures of the rigid parts fit, each frame by itself and without constraints.
 
     Args:
@@ -34,6 +36,7 @@ def align(parts: Parts, parameters: Parameters, frames: NDArray[np.uint8], posit
         parameters: of the model.
         frames: `[B, H, W, 3]`.
         positions: `[B, n]` to begin from, image units.
+        spread: standard deviation of their errors, or `[n]`, image units.
 
     Returns:
         `[B, n]`.
@@ -43,12 +46,12 @@ def align(parts: Parts, parameters: Parameters, frames: NDArray[np.uint8], posit
     drawn: Any = jax.jit(jax.vmap(drawing(parts, parameters)))(positions[some], pixels[some])
     misfits = np.mean((np.asarray(drawn) - colours(frames[some], pixels[some])) ** 2, axis=(1, 2))
     noise = np.sqrt(np.median(misfits) + 1e-8)
-    function, out = jax.jit(jax.vmap(_aligned(parts, parameters), (None, 0, 0, 0))), []
+    function, out = jax.jit(jax.vmap(_aligned(parts, parameters), (None, None, 0, 0, 0))), []
     with progress("Aligning keypoints with frames", total=len(frames)) as advance:
         for i in range(0, len(frames), CHUNK):
             rows = slice(i, i + CHUNK)
             seen = colours(frames[rows], pixels[rows])
-            out.append(np.asarray(function(noise, positions[rows], pixels[rows], seen)))
+            out.append(np.asarray(function(noise, spread, positions[rows], pixels[rows], seen)))
             advance(len(seen))
     return np.concatenate(out)
 
@@ -95,13 +98,13 @@ def _places(parts: Parts) -> Array:
     return grid(*parts.config.image_shape, 1).reshape(-1, 2)
 
 
-def _aligned(parts: Parts, parameters: Parameters) -> Callable[[Array, Array, Array, Array], Array]:
-    """Positions `[n]` for the standard deviation of colours, positions to begin from, pixels and their colours."""
+def _aligned(parts: Parts, parameters: Parameters) -> Callable[[Array, Array, Array, Array, Array], Array]:
+    """Positions `[n]` for standard deviations of colours and positions, where these begin, pixels and their colours."""
     draw = drawing(parts, parameters)
 
-    def one(noise: Array, start: Array, pixels: Array, seen: Array) -> Array:
+    def one(noise: Array, spread: Array, start: Array, pixels: Array, seen: Array) -> Array:
         def residual(z: Array) -> Array:
-            return jnp.concatenate([((draw(start + z, pixels) - seen) / noise).ravel(), z / SPREAD])
+            return jnp.concatenate([((draw(start + z, pixels) - seen) / noise).ravel(), z / spread])
 
         def step(z: Array, _: None) -> tuple[Array, None]:
             error, jacobian = residual(z), jax.jacfwd(residual)(z)

@@ -109,6 +109,36 @@ def lean_along_rails(mechanism: Mechanism, lean: Array, x: Array) -> Array:
     return points.reshape(x.shape)
 
 
+def beside(mechanism: Mechanism, pivot: Array, offsets: Array, x: Array) -> Array:
+    """Move each keypoint at which rods start, with all that hangs on it, by an offset in the part that holds it.
+
+    A keypoint beside a joint, and all after it as far beside theirs, keep every constraint, and no single frame
+    objects. What does is a picture of the next part, which such a keypoint makes turn about a point off its joint.
+
+    Args:
+        mechanism: the declaration.
+        pivot: `[2]`, image units.
+        offsets: `[K, 2]` image units: along the rod that ends in the keypoint and to its left, or to the right and up
+            if none does.
+        x: `[n]` positions.
+
+    Returns:
+        `[n]`.
+    """
+    points, holders = x.reshape(-1, 2), {rod.end: rod for rod in reversed(mechanism.rods)}
+    for k in sorted(range(mechanism.num_keypoints), key=lambda k: -len(carried(mechanism, k))):
+        if all(rod.start != k for rod in mechanism.rods):
+            continue
+        offset = offsets[k]
+        if (rod := holders.get(k)) is not None:
+            reach = points[k] - (pivot if rod.start is None else points[rod.start])
+            right, up = reach / jnp.sqrt(jnp.sum(reach**2) + 1e-12)
+            offset = jnp.stack([offset[0] * right - offset[1] * up, offset[0] * up + offset[1] * right])
+        moved = jnp.asarray([float(i in carried(mechanism, k)) for i in range(mechanism.num_keypoints)])
+        points = points + moved[:, None] * offset
+    return points.reshape(x.shape)
+
+
 def carried(mechanism: Mechanism, keypoint: int) -> set[int]:
     """A keypoint and all that hangs on it."""
     out, reached = {keypoint}, set[int]()

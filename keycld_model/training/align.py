@@ -1,6 +1,7 @@
 """Learn what the rigid parts look like, and put keypoints where these pictures fit the frames best."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +13,9 @@ from keycld_model.aligned_keypoints import SAMPLE, align, colours, distances, dr
 from keycld_model.modules import Parts
 from keycld_model.nets.rigid_parts import COVERED, SOFT
 from keycld_model.numerics import evenly_spaced
-from keycld_model.places import to_masses
+from keycld_model.places import beside, to_masses
 from keycld_model.training.data import TrainingData
-from keycld_model.training.keypoint_tables import keypoint_table, trajectories, trust
+from keycld_model.training.keypoint_tables import TRUSTED, keypoint_table, trajectories, trust
 from keycld_model.training.stage import Batch, Context, Stage, Variables
 
 RING = 0.015
@@ -24,8 +25,10 @@ FAINT = 0.01
 differ, too, farther away."""
 REACHES = (0.06, 0.3)
 """Least and greatest reach of a part beyond its rod, image units."""
-TRUSTED = 0.5
-"""Trust of a frame's keypoints (see `trust`) above which it teaches what parts look like."""
+OFFSET = 0.1
+"""Image units by which an offset of one moves a joint: the optimiser's steps are a twentieth of a pixel at most."""
+LEAST_SPREAD = 0.001
+"""Image units by which trajectories are thought to be off, at least."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,15 +45,17 @@ class Align(Stage):
 
     name: str = "align"
     share: float = 1.0
-    trained: tuple[str, ...] = ("appearance",)
+    trained: tuple[str, ...] = ("appearance", "offsets")
 
     def enter(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
         """Begin with keypoints on their trajectories, as measured where those are lost; later, with what was found."""
+        offsets = jnp.zeros((parts.config.mechanism.num_keypoints, 2))
         if "aligned" in variables:
-            return variables
+            return {**variables, "offsets": offsets}
         positions = trajectories(parts, variables, data)
         trusted = trust(parts, variables, data, positions)
         measured = to_masses(parts.config.mechanism, variables, jnp.asarray(keypoint_table(parts, variables, data)))
+        spread = _spread(positions - np.asarray(measured), trusted)
         positions = np.where(trusted[..., None] > TRUSTED, positions, np.asarray(measured))
         known = _trusted(trusted)
         known = known[evenly_spaced(len(known), SAMPLE)]
@@ -59,7 +64,8 @@ class Align(Stage):
         frames = data.flat_frames[known].astype(np.float32) / 255.0
         appearance["reach"] = _reach(parts, {**variables, "appearance": appearance}, frames, _flat(positions)[known])
         aligned, trusted = jnp.asarray(positions), jnp.asarray(trusted, jnp.float32)
-        return {**variables, "appearance": appearance, "aligned": aligned, "trust": trusted}
+        found = {"aligned": aligned, "trust": trusted, "spread": spread, "offsets": offsets}
+        return {**variables, "appearance": appearance, **found}
 
     def prepare(self, parts: Parts, variables: Variables, data: TrainingData) -> Context:
         """The frames that count, positions `[B, n]` in them, and the pixels `[B, M]` near the parts."""
@@ -76,19 +82,40 @@ class Align(Stage):
 
     def loss(self, parts: Parts, variables: Variables, batch: Batch) -> tuple[Array, dict[str, Array]]:
         """Squared error per frame."""
-        drawn = jax.vmap(drawing(parts, variables))(batch["positions"], batch["pixels"])
+        positions = _joined(parts, variables, batch["positions"])
+        drawn = jax.vmap(drawing(parts, variables))(positions, batch["pixels"])
         loss = jnp.mean(jnp.sum((drawn - batch["seen"]) ** 2, axis=(1, 2)))
         return loss, {"reconstruction": loss}
 
     def leave(self, parts: Parts, variables: Variables, data: TrainingData) -> Variables:
         """Align frames; the keypoints are where the masses are, now. Those that are not aligned teach no longer."""
         begun, trust = np.asarray(variables["aligned"]), np.asarray(variables["trust"])
+        joined = np.asarray(jax.jit(partial(_joined, parts, variables))(jnp.asarray(_flat(begun))))
+        print(
+            "offsets", OFFSET * np.asarray(variables["offsets"]), "spread", np.asarray(variables["spread"]), flush=True
+        )
         rows = np.arange(trust.size) if self.share == 1 else _trusted(trust)[:: round(1 / self.share)]
-        aligned, kept = _flat(begun).copy(), np.zeros(trust.size, np.float32)
-        aligned[rows], kept[rows] = align(parts, variables, data.flat_frames[rows], aligned[rows]), trust.ravel()[rows]
+        aligned, kept = joined.copy(), np.zeros(trust.size, np.float32)
+        spread = np.repeat(np.asarray(variables["spread"]), 2)
+        aligned[rows] = align(parts, variables, data.flat_frames[rows], joined[rows], spread)
+        kept[rows] = trust.ravel()[rows]
         there = jnp.zeros_like(variables["rod_scale"])
         found = {"aligned": jnp.asarray(aligned.reshape(begun.shape)), "trust": jnp.asarray(kept.reshape(trust.shape))}
-        return {**variables, **found, "rod_scale": there, "lean": there}
+        rest = {name: value for name, value in variables.items() if name != "offsets"}
+        return {**rest, **found, "rod_scale": there, "lean": there}
+
+
+def _spread(error: NDArray[np.floating], trusted: NDArray[np.floating]) -> Array:
+    """`[K]` by how much trajectories are off: standard deviations of what measured keypoints differ from them by."""
+    error = error[trusted > TRUSTED] if (trusted > TRUSTED).any() else error.reshape(-1, error.shape[-1])
+    middle = np.median(np.abs(error - np.median(error, 0)), 0).reshape(-1, 2) / 0.6745
+    return jnp.asarray(np.maximum(np.sqrt((middle**2).mean(1)), LEAST_SPREAD), jnp.float32)
+
+
+def _joined(parts: Parts, variables: Variables, positions: Array) -> Array:
+    """`[B, n]` positions with joints where pictures say they are."""
+    pivot, offsets = jax.lax.stop_gradient(variables["dynamics"]["pivot"]), OFFSET * variables["offsets"]
+    return jax.vmap(lambda x: beside(parts.config.mechanism, pivot, offsets, x))(positions)
 
 
 def _flat(positions: NDArray[np.float32]) -> NDArray[np.float32]:

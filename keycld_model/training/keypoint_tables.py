@@ -13,6 +13,8 @@ from keycld_model.training.stage import Variables
 
 DISTRUST = 0.05
 """Frames whose keypoints are this far (image units) from their trajectory hardly count."""
+TRUSTED = 0.5
+"""Trust of a frame's keypoints (see `trust`) above which it teaches what parts look like, and poses."""
 
 
 def keypoint_table(parts: Parts, variables: Variables, data: TrainingData, chunk: int = 50) -> NDArray[np.float32]:

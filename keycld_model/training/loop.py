@@ -24,6 +24,7 @@ from keycld_model.modules import Parameters, Parts
 from keycld_model.training import log
 from keycld_model.training.align import Align
 from keycld_model.training.data import TrainingData, check_fits
+from keycld_model.training.distil import Distil
 from keycld_model.training.folder import check_run_folder
 from keycld_model.training.presets import PRESETS, Preset
 from keycld_model.training.relocate import spare_keypoint
@@ -146,6 +147,11 @@ def _check_pictures(config: ModelConfig, name: str, recipe: Preset, start: Param
         InputError: if only the configuration or only the recipe has them.
     """
     learned = any(isinstance(stage, Align) for stage in recipe.stages)
+    if not (learned or start is not None) and any(isinstance(s, Distil) and s.composed for s in recipe.stages):
+        raise InputError(
+            f"A stage Distil of the recipe {name!r} has composed frames, but no stage Align, which learns the pictures "
+            "that draw them; add one before it, or set composed to 0."
+        )
     if config.networks.rigid_parts and not learned and start is None:
         raise InputError(
             f"networks.rigid_parts is True, but the recipe {name!r} has no stage Align, which learns their pictures; "

@@ -73,7 +73,7 @@ QUICK = Preset(
         Align(steps=800, batch=16, learning_rate=5e-3, share=0.2),
         Align(steps=400, batch=16, learning_rate=2e-3),
         FitTrajectories(slide=False, identify=10, sparse=True, acting=True),
-        Distil(steps=2000, batch=8, learning_rate=4e-3),
+        Distil(steps=2000, batch=8, learning_rate=4e-3, composed=4),
     ),
     about="fewer fits; draws rigid parts, and aligns keypoints with frames",
 )

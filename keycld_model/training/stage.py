@@ -13,7 +13,7 @@ from keycld_model.training.data import TrainingData
 
 Variables = dict[str, Any]
 """Model parameters ("estimator", "renderer", "dynamics", "appearance") and what only training needs ("trajectories",
-"aligned", "trust", "rod_scale", "lean")."""
+"aligned", "spread", "offsets", "trust", "rod_scale", "lean")."""
 Batch = dict[str, Any]
 Context = dict[str, Any]
 

@@ -21,7 +21,9 @@ def track(name: str, steps: int = 40):
     model = system.compile()
     data = mujoco.MjData(model)
     data.qpos[:] = rng.uniform(-2, 2, model.nq)
-    update = jax.jit(lambda estimate, action, x: corrected(plant, predicted(plant, estimate, action), x))
+    update = jax.jit(
+        lambda estimate, action, x: corrected(plant, predicted(plant, estimate, action), x, plant.keypoint_noise)
+    )
     estimates, truth, seen = [], [], []
     for step in range(steps):
         x = point_masses(name, data.qpos)

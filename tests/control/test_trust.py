@@ -117,15 +117,17 @@ def test_surprises_raise_doubt_and_agreement_ends_it():
     estimate = first_estimate(plant, there)
     trust = first_trust(estimate, jnp.array(0))
     assert trusted(trust)
-    estimate, trust = judged(plant, trust, predicted(plant, estimate, still), still, far, yes, no, no)
+    estimate, trust = judged(
+        plant, trust, predicted(plant, estimate, still), still, far, yes, no, no, plant.keypoint_noise
+    )
     assert not trusted(trust) and trust.doubt > DOUBTFUL
     np.testing.assert_allclose(estimate.x, far, atol=1e-4)
     for _ in range(6):
         prior = predicted(plant, estimate, still)
-        estimate, trust = judged(plant, trust, prior, still, prior.x, yes, no, no)
+        estimate, trust = judged(plant, trust, prior, still, prior.x, yes, no, no, plant.keypoint_noise)
     assert trusted(trust)
     prior = predicted(plant, estimate, still)
-    unseen, trust = judged(plant, trust, prior, still, there, no, no, no)
+    unseen, trust = judged(plant, trust, prior, still, there, no, no, no, plant.keypoint_noise)
     np.testing.assert_array_equal(unseen.x, prior.x)
     assert not trusted(trust) and int(trust.unseen) == 1
 
@@ -136,7 +138,11 @@ def test_an_old_image_again_and_again_is_not_acted_on():
     moving = first_estimate(plant, jnp.asarray(point_masses("acrobot", (0.3, 0.5)), jnp.float32))
     old = jnp.asarray(point_masses("acrobot", (1.2, -2.0)), jnp.float32)
     yes, no, still = jnp.array(True), jnp.array(False), jnp.zeros(2)
-    step = jax.jit(lambda e, t, again: judged(plant, t, predicted(plant, e, still), still, old, yes, again, no))
+    step = jax.jit(
+        lambda e, t, again: judged(
+            plant, t, predicted(plant, e, still), still, old, yes, again, no, plant.keypoint_noise
+        )
+    )
     estimate, trust = step(moving, first_trust(moving, jnp.array(0)), no)
     for _ in range(round(0.5 / plant.timestep)):
         estimate, trust = step(estimate, trust, yes)

@@ -1,0 +1,91 @@
+"""An estimator that reads nearly the sign of an angle: the loop swings, notices, and believes images less."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracle import make_oracle, point_masses
+
+from keycld_control.law import turning_action
+from keycld_control.limit_cycle import LESS, MOST, MUCH, NEAR, SLOW, no_swinging, watched
+from keycld_control.observer import Estimate, corrected, first_estimate, predicted
+from keycld_control.plant import Plant, advanced
+
+STEP, THIN = 0.08, 0.08
+"""Radians by which an angle is read too large, and up to which it is about; as of a thin pole that stands upright."""
+
+
+def pendulum():
+    """Mechanics, and the upright target."""
+    plant = Plant.of(make_oracle("pendulum"))
+    return plant, jnp.asarray(point_masses("pendulum", np.zeros(1)), jnp.float32)
+
+
+def read(target, x):
+    """Keypoints as such an estimator finds them."""
+    angle = jnp.arctan2(x[0], x[1])
+    seen = angle + STEP * jnp.tanh(angle / 0.01) * jnp.exp(-((angle / THIN) ** 2))
+    return jnp.linalg.norm(target) * jnp.stack([jnp.sin(seen), jnp.cos(seen)])
+
+
+def fastest(noticing, seconds=8.0):
+    """Fastest in the second and the last quarter of an episode, rad/s."""
+    plant, target = pendulum()
+
+    @jax.jit
+    def step(state, _):
+        x, v, estimate, swinging, action = state
+        x, v = advanced(plant, x, v, action)
+        prior = predicted(plant, estimate, action)
+        estimate = corrected(plant, prior, read(target, x), swinging.noise)
+        swinging = watched(plant, target, swinging, estimate) if noticing else swinging
+        bound = jnp.full(1, 10.0)
+        action = turning_action(plant, estimate.x, estimate.v, target, 40.0, 10.0, -bound, bound)
+        return (x, v, estimate, swinging, action), (jnp.linalg.norm(v) / jnp.linalg.norm(target), swinging.noise)
+
+    x = jnp.asarray(point_masses("pendulum", np.full(1, 0.05)), jnp.float32)
+    first = x, jnp.zeros(2), first_estimate(plant, x), no_swinging(plant), jnp.zeros(1)
+    count = round(seconds / plant.timestep)
+    speeds, noise = jax.lax.scan(step, first, length=count)[1]
+    assert not noticing or LESS * plant.keypoint_noise <= noise[-1] <= MOST
+    return (float(jnp.abs(part).max()) for part in (speeds[count // 4 : count // 2], speeds[-count // 4 :]))
+
+
+def test_swings_become_slower_when_images_are_believed_less():
+    before, kept = fastest(noticing=False)
+    begun, left = fastest(noticing=True)
+    assert kept == pytest.approx(before, rel=0.05)  # it swings for ever
+    assert left < 0.75 * kept
+    assert left < 1.05 * begun
+
+
+def followed(positions, speed, plant, target, frames):
+    """What is thought after estimates at `positions` of a time in s, which move by `speed` image units per second."""
+    look, swinging = jax.jit(partial(watched, plant, target)), no_swinging(plant)
+    for k in range(frames):
+        t = k * plant.timestep
+        estimate = Estimate(target + jnp.asarray([positions(t), 0.0]), jnp.asarray([speed(t), 0.0]), jnp.zeros(3))
+        swinging = look(swinging, estimate)
+    return swinging
+
+
+def test_an_approach_is_no_swinging():
+    plant, target = pendulum()
+    coming = followed(lambda t: NEAR * np.exp(-5 * t), lambda t: -5 * NEAR * np.exp(-5 * t), plant, target, 100)
+    past = followed(lambda t: 0.02 * t / 0.1, lambda t: 0.2, plant, target, 5)  # .1 s on the other side
+    still = followed(lambda t: 0.02 * np.sin(12 * t), lambda t: SLOW * np.cos(12 * t), plant, target, 400)
+    for each in (coming, past, still):
+        assert each.noise == pytest.approx(plant.keypoint_noise)
+        assert each.share < MUCH
+
+
+def test_swings_count_near_the_target_only_and_up_to_a_limit():
+    plant, target = pendulum()
+    swing, speed = (lambda t: 0.02 * np.sin(12 * t)), (lambda t: 0.24 * np.cos(12 * t))
+    assert followed(swing, speed, plant, target, 30).noise == pytest.approx(LESS * plant.keypoint_noise)
+    swinging = followed(swing, speed, plant, target, 1000)
+    assert swinging.noise == pytest.approx(MOST)
+    far = Estimate(target + jnp.asarray([2 * NEAR, 0.0]), jnp.asarray([1.0, 0.0]), jnp.zeros(3))
+    assert watched(plant, target, swinging, far).noise == pytest.approx(plant.keypoint_noise)
