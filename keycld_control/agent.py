@@ -35,6 +35,20 @@ GRACE, FADING = 0.2, 0.1
 """Seconds without a trusted image that the estimate runs on the model, and in which the action then fades to zero."""
 
 
+class Gains(NamedTuple):
+    """Of the control law.
+
+    Attributes:
+        kp: stiffness, 1/s^2.
+        kd: damping, 1/s.
+        most: damping at most, where the mechanism swings about its target.
+    """
+
+    kp: float
+    kd: float
+    most: float
+
+
 class Belief(NamedTuple):
     """What the agent knows after an image.
 
@@ -138,8 +152,9 @@ class EnergyShapingAgent:
         late = kd * plant.timestep * float(self._actuation.lead.mean())
         most = BRAKING if self.pumps else ROBUST
         slower = min(1.0, most / late) if late else 1.0
+        gains = Gains(kp * slower**2, kd * slower, max(kd * slower, most / late) if late else np.inf)
         self._first, self._next = _compile(
-            plant, model.keypoints_fn, known, target, kp * slower**2, kd * slower, law, pump, self._actuation.lead
+            plant, model.keypoints_fn, known, target, gains, law, pump, self._actuation.lead
         )
         self._belief: Belief | None = None
         self._image: NDArray[Any] | None = None
@@ -251,8 +266,7 @@ def _compile(
     see: Callable[[Array], Array],
     known: Plausibility,
     target: Array,
-    kp: float,
-    kd: float,
+    gains: Gains,
     law: Law,
     pump: Pump | None,
     lead: NDArray[np.intp],
@@ -260,7 +274,9 @@ def _compile(
     """The agent's two programs: for the first image of an episode, and for every further one."""
     fading, lost = _fading(plant), _lost_after(plant)
 
-    def wanted(x: Array, v: Array, memory: PumpState, low: Array, high: Array) -> tuple[Array, PumpState]:
+    def wanted(
+        x: Array, v: Array, memory: PumpState, kp: Array, kd: Array, low: Array, high: Array
+    ) -> tuple[Array, PumpState]:
         action = LAWS[law](plant, x, v, target, kp, kd, low, high)
         if pump is not None:
             memory, pumping = pumping_action(plant, pump, memory, x, v, target, kp, kd, low, high)
@@ -271,7 +287,7 @@ def _compile(
 
     def decide(estimate: Estimate, memory: PumpState, trust: Trust, swinging: Swinging, outlook: Outlook) -> Belief:
         x, v = estimate.x, estimate.v
-        action, memory = ahead(x, v, memory, outlook)
+        action, memory = ahead(x, v, memory, *swinging.gains(*gains), outlook)
         weight = jnp.where(trust.beginning, 0.0, jnp.clip((lost - trust.unseen) / fading, 0.0, 1.0))
         action = jnp.where(weight > 0, weight * action, 0.0)
         return Belief(estimate, action, memory, energy(plant, x, v), trust, swinging)
@@ -282,7 +298,7 @@ def _compile(
         estimate = first_estimate(plant, keypoints)
         shown = shows_mechanism(plant, known, pixels, keypoints)
         trust = first_trust(estimate, jnp.where(shown, 0, lost))
-        return decide(estimate, first_pump_state(), trust, no_swinging(plant), outlook)
+        return decide(estimate, first_pump_state(), trust, no_swinging(), outlook)
 
     def following(
         belief: Belief, image: ArrayLike, repeated: ArrayLike, restoration: Restoration, outlook: Outlook
@@ -292,7 +308,7 @@ def _compile(
         keypoints, applied = see(pixels), jnp.asarray(outlook.applied)
         shown = shows_mechanism(plant, known, pixels, keypoints)
         prior = choose(blind, belief.estimate, predicted(plant, belief.estimate, applied))
-        again, noise = jnp.asarray(repeated), belief.swinging.noise
+        again, noise = jnp.asarray(repeated), belief.swinging.noise(plant)
         estimate, trust = judged(plant, belief.trust, prior, applied, keypoints, shown, again, blind, noise)
         return decide(estimate, belief.pump, trust, watched(plant, target, belief.swinging, estimate), outlook)
 
@@ -302,17 +318,17 @@ def _compile(
 def _ahead(plant: Plant, lead: NDArray[np.intp], wanted: Callable[..., tuple[Array, PumpState]]) -> Callable[..., Any]:
     """The law `wanted` for motors that are late by `lead` frames: it is asked in the states that are expected then."""
 
-    def ahead(x: Array, v: Array, memory: PumpState, outlook: Outlook) -> tuple[Array, PumpState]:
+    def ahead(x: Array, v: Array, memory: PumpState, kp: Array, kd: Array, outlook: Outlook) -> tuple[Array, PumpState]:
         """What motors shall do once the command arrives: the law's answer to the state that is expected then."""
 
         def frame(state: tuple[Array, Array, PumpState], then: tuple[Array, Array]) -> tuple[Any, Any]:
             (x, v, memory), (k, queued) = state, then
             low, high = (jnp.where(k < lead, queued, bound) for bound in (outlook.low, outlook.high))
-            chosen, memory = wanted(x, v, memory, low, high)
+            chosen, memory = wanted(x, v, memory, kp, kd, low, high)
             return (*project(plant, *advanced(plant, x, v, chosen)), memory), (chosen, memory)
 
         if not lead.any():
-            return wanted(x, v, memory, jnp.asarray(outlook.low), jnp.asarray(outlook.high))
+            return wanted(x, v, memory, kp, kd, jnp.asarray(outlook.low), jnp.asarray(outlook.high))
         queued = jnp.concatenate([outlook.queued, outlook.queued[-1:]])
         _, (chosen, memories) = jax.lax.scan(frame, (x, v, memory), (jnp.arange(len(queued)), queued))
         return chosen[lead, jnp.arange(len(lead))], jax.tree.map(lambda a: a[0], memories)

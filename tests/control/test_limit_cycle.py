@@ -1,5 +1,6 @@
 """An estimator that reads nearly the sign of an angle: the loop swings, notices, and believes images less."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -9,7 +10,7 @@ import pytest
 from oracle import make_oracle, point_masses
 
 from keycld_control.law import turning_action
-from keycld_control.limit_cycle import LESS, MOST, MUCH, NEAR, SLOW, no_swinging, watched
+from keycld_control.limit_cycle import CALMER, MOST, MUCH, NEAR, NOISIER, SLOW, TIMES, Swinging, no_swinging, watched
 from keycld_control.observer import Estimate, corrected, first_estimate, predicted
 from keycld_control.plant import Plant, advanced
 
@@ -39,17 +40,18 @@ def fastest(noticing, seconds=8.0):
         x, v, estimate, swinging, action = state
         x, v = advanced(plant, x, v, action)
         prior = predicted(plant, estimate, action)
-        estimate = corrected(plant, prior, read(target, x), swinging.noise)
+        estimate = corrected(plant, prior, read(target, x), swinging.noise(plant))
         swinging = watched(plant, target, swinging, estimate) if noticing else swinging
         bound = jnp.full(1, 10.0)
-        action = turning_action(plant, estimate.x, estimate.v, target, 40.0, 10.0, -bound, bound)
-        return (x, v, estimate, swinging, action), (jnp.linalg.norm(v) / jnp.linalg.norm(target), swinging.noise)
+        kp, kd = swinging.gains(40.0, 10.0, np.inf)
+        action = turning_action(plant, estimate.x, estimate.v, target, kp, kd, -bound, bound)
+        return (x, v, estimate, swinging, action), (jnp.linalg.norm(v) / jnp.linalg.norm(target), swinging.times)
 
     x = jnp.asarray(point_masses("pendulum", np.full(1, 0.05)), jnp.float32)
-    first = x, jnp.zeros(2), first_estimate(plant, x), no_swinging(plant), jnp.zeros(1)
+    first = x, jnp.zeros(2), first_estimate(plant, x), no_swinging(), jnp.zeros(1)
     count = round(seconds / plant.timestep)
-    speeds, noise = jax.lax.scan(step, first, length=count)[1]
-    assert not noticing or LESS * plant.keypoint_noise <= noise[-1] <= MOST
+    speeds, times = jax.lax.scan(step, first, length=count)[1]
+    assert times[-1] == (TIMES if noticing else 0)
     return (float(jnp.abs(part).max()) for part in (speeds[count // 4 : count // 2], speeds[-count // 4 :]))
 
 
@@ -63,7 +65,7 @@ def test_swings_become_slower_when_images_are_believed_less():
 
 def followed(positions, speed, plant, target, frames):
     """What is thought after estimates at `positions` of a time in s, which move by `speed` image units per second."""
-    look, swinging = jax.jit(partial(watched, plant, target)), no_swinging(plant)
+    look, swinging = jax.jit(partial(watched, plant, target)), no_swinging()
     for k in range(frames):
         t = k * plant.timestep
         estimate = Estimate(target + jnp.asarray([positions(t), 0.0]), jnp.asarray([speed(t), 0.0]), jnp.zeros(3))
@@ -77,15 +79,28 @@ def test_an_approach_is_no_swinging():
     past = followed(lambda t: 0.02 * t / 0.1, lambda t: 0.2, plant, target, 5)  # .1 s on the other side
     still = followed(lambda t: 0.02 * np.sin(12 * t), lambda t: SLOW * np.cos(12 * t), plant, target, 400)
     for each in (coming, past, still):
-        assert each.noise == pytest.approx(plant.keypoint_noise)
+        assert each.times == 0
         assert each.share < MUCH
 
 
-def test_swings_count_near_the_target_only_and_up_to_a_limit():
+def test_swings_count_near_the_target_only_and_twice():
     plant, target = pendulum()
     swing, speed = (lambda t: 0.02 * np.sin(12 * t)), (lambda t: 0.24 * np.cos(12 * t))
-    assert followed(swing, speed, plant, target, 30).noise == pytest.approx(LESS * plant.keypoint_noise)
+    assert followed(swing, speed, plant, target, 30).times == 1
     swinging = followed(swing, speed, plant, target, 1000)
-    assert swinging.noise == pytest.approx(MOST)
+    assert swinging.times == TIMES
     far = Estimate(target + jnp.asarray([2 * NEAR, 0.0]), jnp.asarray([1.0, 0.0]), jnp.zeros(3))
-    assert watched(plant, target, swinging, far).noise == pytest.approx(plant.keypoint_noise)
+    assert watched(plant, target, swinging, far).times == 0
+
+
+def test_images_count_less_and_gains_keep_to_what_late_motors_allow():
+    plant, _ = pendulum()
+    none, once, twice = (Swinging(jnp.zeros(()), jnp.asarray(float(n))) for n in (0, 1, 2))
+    assert none.noise(plant) == pytest.approx(plant.keypoint_noise)
+    assert once.noise(plant) == pytest.approx(NOISIER * plant.keypoint_noise)
+    blurred = replace(plant, keypoint_noise=0.03)
+    assert twice.noise(blurred) == pytest.approx(MOST)
+    assert twice.noise(replace(plant, keypoint_noise=2 * MOST)) == pytest.approx(2 * MOST)
+    np.testing.assert_allclose(none.gains(40.0, 10.0, np.inf), (40.0, 10.0))
+    np.testing.assert_allclose(twice.gains(40.0, 10.0, np.inf), (40.0 / CALMER**2, 10.0 * CALMER**2), rtol=1e-5)
+    np.testing.assert_allclose(twice.gains(40.0, 10.0, 12.0), (40.0 / CALMER**2, 12.0), rtol=1e-5)
