@@ -38,7 +38,7 @@ class Args:
 
     out: Path
     only: tuple[str, ...] = ()
-    recordings: int = 500
+    recordings: int = 200
     episodes: int = 100
     seed: int = 0
 

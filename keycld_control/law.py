@@ -25,7 +25,7 @@ REFERENCE_SPEED = 2.0
 
 
 def turning_action(
-    plant: Plant, x: Array, v: Array, target: Array, kp: float, kd: float, low: Array, high: Array
+    plant: Plant, x: Array, v: Array, target: Array, kp: float | Array, kd: float | Array, low: Array, high: Array
 ) -> Array:
     """Turn every rod to its target angle and move every root to its target, each as a damped oscillator.
 
@@ -52,7 +52,7 @@ def turning_action(
 
 
 def projected_action(
-    plant: Plant, x: Array, v: Array, target: Array, kp: float, kd: float, low: Array, high: Array
+    plant: Plant, x: Array, v: Array, target: Array, kp: float | Array, kd: float | Array, low: Array, high: Array
 ) -> Array:
     """The paper's law (equation 15) on the manifold, u = (N'g)^-1 N' [grad V - M (kp (x - x*) + kd v)].
 
@@ -65,7 +65,7 @@ def projected_action(
 
 
 def paper_action(
-    plant: Plant, x: Array, v: Array, target: Array, kp: float, kd: float, low: Array, high: Array
+    plant: Plant, x: Array, v: Array, target: Array, kp: float | Array, kd: float | Array, low: Array, high: Array
 ) -> Array:
     """The paper's equation 15 to the letter, u = (g'g)^-1 g' [grad V - kp (x - x*)] - kd g'v, clipped.
 
@@ -78,7 +78,13 @@ def paper_action(
 
 
 def turning_acceleration(
-    plant: Plant, x: Array, v: Array, target: Array, kp: float, kd: float, speed: float = REFERENCE_SPEED
+    plant: Plant,
+    x: Array,
+    v: Array,
+    target: Array,
+    kp: float | Array,
+    kd: float | Array,
+    speed: float = REFERENCE_SPEED,
 ) -> Array:
     """What `turning_action` wants, `[n]`; `speed` limits the reference velocity, image units per second."""
     reference = -kp / kd * turning_error(plant.mechanism, x, target, plant.pivot)

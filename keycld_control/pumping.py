@@ -154,8 +154,8 @@ def pumping_action(
     x: Array,
     v: Array,
     target: Array,
-    kp: float,
-    kd: float,
+    kp: float | Array,
+    kd: float | Array,
     low: Array,
     high: Array,
 ) -> tuple[PumpState, Array]:
