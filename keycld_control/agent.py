@@ -80,6 +80,9 @@ class EnergyShapingAgent:
     and does not merely repeat the one before. Without trusted images the estimate runs on the model for 0.2 s; then
     the action fades to zero within 0.1 s. When images return, the agent begins anew, and acts once four of them agree.
 
+    Where keypoints are read in steps near the target, the mechanism would swing about it; then images are believed
+    less, and the motion is damped more (see `keycld_control.limit_cycle`).
+
     The camera may be off by a few pixels, and light and noise may be others than in training: how they differ is told
     from the target image, from the first image of every episode, and anew when the agent begins anew (see
     `keycld_model.camera`).

@@ -10,7 +10,7 @@ from keycld_envs import system_of
 from keycld_envs.errors import InputError
 from keycld_envs.recordings import Dataset, Sequences
 from keycld_envs.registration import same_system
-from keycld_model.evaluation.joint_coordinates import circular_r2, joint_angles, linear_r2, slider_positions
+from keycld_model.evaluation.joint_coordinates import circular_r2, joint_angles, linear_r2, matched, slider_positions
 from keycld_model.evaluation.valid_prediction_time import (
     frame_errors,
     prediction_errors,
@@ -152,7 +152,7 @@ def _interval(values: NDArray[np.float64]) -> tuple[float, float]:
 def _agreement(
     model: WorldModel, keypoints: NDArray[np.float32], qpos: NDArray[np.float64] | None
 ) -> dict[str, float] | None:
-    """R squared per joint; hinges go with rods and slides with sliders, each in order."""
+    """R squared per joint; hinges go with rods (see `matched`) and slides with sliders, each in order."""
     if qpos is None or model.system is None or not np.isfinite(qpos).all():
         return None
     joints = system_of(model.system).joints
@@ -161,6 +161,7 @@ def _agreement(
     kinds = [joint.kind for joint in joints]
     if (kinds.count("hinge"), kinds.count("slide")) != (angles.shape[-1], slides.shape[-1]):
         return None
+    angles = matched(model.mechanism, angles, qpos[..., [kind == "hinge" for kind in kinds]])
     scores, seen = {}, {"hinge": 0, "slide": 0}
     for i, joint in enumerate(joints):
         decoded = (angles if joint.kind == "hinge" else slides)[..., seen[joint.kind]]

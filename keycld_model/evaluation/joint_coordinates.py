@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from keycld_envs.mechanism import Mechanism
 
@@ -31,6 +32,29 @@ def joint_angles(mechanism: Mechanism, keypoints: Floats) -> Floats:
         for rod, angle in zip(mechanism.rods, absolute, strict=True)
     ]
     return wrap(np.stack(relative, axis=-1)) if relative else np.empty((*keypoints.shape[:-2], 0))
+
+
+def matched(mechanism: Mechanism, angles: Floats, true: Floats) -> Floats:
+    """Angles of rods in the order of the hinges that they go with.
+
+    Nothing tells in training which keypoint follows which of several rods that start in the same place, if nothing
+    hangs on them; they go with the hinges that fit best. All others are in the order of declaration.
+
+    Args:
+        mechanism: the declaration.
+        angles: [..., R] rad, one per rod.
+        true: [..., R] rad, of the hinges.
+
+    Returns:
+        [..., R] rad.
+    """
+    starts, order = {rod.start for rod in mechanism.rods}, np.arange(angles.shape[-1])
+    last = [(i, rod.start) for i, rod in enumerate(mechanism.rods) if rod.end not in starts]
+    for start in dict.fromkeys(start for _, start in last):
+        group = [i for i, place in last if place == start]
+        scores = [[circular_r2(angles[..., rod], true[..., hinge]) for rod in group] for hinge in group]
+        order[group] = np.asarray(group)[linear_sum_assignment(scores, maximize=True)[1]]
+    return angles[..., order]
 
 
 def slider_positions(mechanism: Mechanism, keypoints: Floats) -> Floats:

@@ -39,7 +39,8 @@ class Distil(Stage):
         target, weight = target.reshape(-1, target.shape[-1]), weight.reshape(-1)
         if not self.composed:
             return {"target": target, "weight": weight}
-        followed, rng = target[weight > TRUSTED], np.random.default_rng(0)
+        followed = target[weight > TRUSTED] if (weight > TRUSTED).any() else target
+        rng = np.random.default_rng(0)
         pivot = np.asarray(variables["dynamics"]["pivot"])
         return {"target": target, "weight": weight, "poses": composed(parts.config.mechanism, followed, pivot, rng)}
 

@@ -10,10 +10,17 @@ from swinging import CONFIG, dataset, random_parameters
 
 from keycld_envs import REFERENCE_SYSTEMS, get_system
 from keycld_envs.errors import InputError
-from keycld_envs.mechanism import Mechanism, Slider
+from keycld_envs.mechanism import Mechanism, Rod, Slider
 from keycld_model import WorldModel
 from keycld_model.evaluation import evaluate, prediction_errors, static_error, valid_frames
-from keycld_model.evaluation.joint_coordinates import circular_r2, joint_angles, linear_r2, slider_positions, wrap
+from keycld_model.evaluation.joint_coordinates import (
+    circular_r2,
+    joint_angles,
+    linear_r2,
+    matched,
+    slider_positions,
+    wrap,
+)
 from keycld_model.stored import shipped_models
 
 SYSTEM = "KeyCLD/Pendulum-v0"
@@ -51,6 +58,19 @@ def test_circular_r2():
     assert circular_r2(2 * true, true) < 0.5
     narrow = np.pi + 0.1 * rng.normal(size=500)  # across the seam
     assert circular_r2(wrap(narrow), narrow) == pytest.approx(1)
+
+
+def test_keypoints_of_two_poles_may_follow_either():
+    cart = Mechanism(4, 3, rods=(Rod(0, 1), Rod(0, 2), Rod(2, 3)), sliders=(Slider(0),))
+    poles = Mechanism(3, 3, rods=(Rod(0, 1), Rod(0, 2)), sliders=(Slider(0),))
+    true = np.random.default_rng(0).uniform(-np.pi, np.pi, (5, 40, 3))
+    seen = wrap(true + np.array([0.1, 0.2, 0.3]))
+    np.testing.assert_array_equal(matched(poles, seen[..., [1, 0]], true[..., :2]), seen[..., :2])
+    np.testing.assert_array_equal(matched(poles, seen[..., :2], true[..., :2]), seen[..., :2])
+    np.testing.assert_array_equal(matched(cart, seen, true), seen)
+    np.testing.assert_array_equal(
+        matched(cart, seen[..., [1, 0, 2]], true), seen[..., [1, 0, 2]]
+    )  # one carries another
 
 
 def test_linear_r2():
