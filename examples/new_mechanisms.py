@@ -3,7 +3,7 @@
     python examples/new_mechanisms.py --out runs/new
 
 It types the commands that a newcomer types, one after the other, and prints them with their minutes. What is done is
-not done again, so the same command goes on where it was stopped. It takes some twenty minutes a mechanism.
+not done again, so the same command goes on where it was stopped. It takes twelve to twenty minutes a mechanism.
 """
 
 import json
