@@ -313,7 +313,9 @@ def _compile(
         prior = choose(blind, belief.estimate, predicted(plant, belief.estimate, applied))
         again, noise = jnp.asarray(repeated), belief.swinging.noise(plant)
         estimate, trust = judged(plant, belief.trust, prior, applied, keypoints, shown, again, blind, noise)
-        return decide(estimate, belief.pump, trust, watched(plant, target, belief.swinging, estimate), outlook)
+        # an agent that pumps passes its target again and again, and needs all its stiffness to be caught there
+        swinging = belief.swinging if pump is not None else watched(plant, target, belief.swinging, estimate)
+        return decide(estimate, belief.pump, trust, swinging, outlook)
 
     return jax.jit(first), jax.jit(following)
 
