@@ -41,12 +41,10 @@ class Gains(NamedTuple):
     Attributes:
         kp: stiffness, 1/s^2.
         kd: damping, 1/s.
-        most: damping at most, where the mechanism swings about its target.
     """
 
     kp: float
     kd: float
-    most: float
 
 
 class Belief(NamedTuple):
@@ -155,7 +153,7 @@ class EnergyShapingAgent:
         late = kd * plant.timestep * float(self._actuation.lead.mean())
         most = BRAKING if self.pumps else ROBUST
         slower = min(1.0, most / late) if late else 1.0
-        gains = Gains(kp * slower**2, kd * slower, max(kd * slower, most / late) if late else np.inf)
+        gains = Gains(kp * slower**2, kd * slower)
         self._first, self._next = _compile(
             plant, model.keypoints_fn, known, target, gains, law, pump, self._actuation.lead
         )
@@ -286,6 +284,8 @@ def _compile(
             action = jnp.where(memory.caught, action, pumping)
         return jnp.clip(action, low, high), memory
 
+    # an agent that pumps passes its target again and again; gains for late motors are lowered as far as they may be
+    watches = pump is None and not lead.any()
     ahead = _ahead(plant, lead, wanted)
 
     def decide(estimate: Estimate, memory: PumpState, trust: Trust, swinging: Swinging, outlook: Outlook) -> Belief:
@@ -313,8 +313,7 @@ def _compile(
         prior = choose(blind, belief.estimate, predicted(plant, belief.estimate, applied))
         again, noise = jnp.asarray(repeated), belief.swinging.noise(plant)
         estimate, trust = judged(plant, belief.trust, prior, applied, keypoints, shown, again, blind, noise)
-        # an agent that pumps passes its target again and again, and needs all its stiffness to be caught there
-        swinging = belief.swinging if pump is not None else watched(plant, target, belief.swinging, estimate)
+        swinging = watched(plant, target, belief.swinging, estimate) if watches else belief.swinging
         return decide(estimate, belief.pump, trust, swinging, outlook)
 
     return jax.jit(first), jax.jit(following)

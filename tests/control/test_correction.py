@@ -100,7 +100,7 @@ def test_an_outlook_tells_what_is_under_way():
     ("name", "effects"),
     [
         ("cartpole", [CoulombFriction("slider", 0.5), CoulombFriction("hinge_1", 0.3)]),
-        ("acrobot", [ActuatorDelay("shoulder", 0.05), ActuatorDelay("elbow", 0.05)]),
+        ("acrobot", [ActuatorDelay("shoulder", 0.08), ActuatorDelay("elbow", 0.08)]),
         ("acrobot", [ActuatorGain("shoulder", 0.3), CoulombFriction("shoulder", 4.1)]),
         ("pendulum", [ActuatorGain("torque", 0.3), ActuatorDelay("torque", 0.1)]),
     ],
