@@ -91,9 +91,6 @@ class Align(Stage):
         """Align frames; the keypoints are where the masses are, now. Those that are not aligned teach no longer."""
         begun, trust = np.asarray(variables["aligned"]), np.asarray(variables["trust"])
         joined = np.asarray(jax.jit(partial(_joined, parts, variables))(jnp.asarray(_flat(begun))))
-        print(
-            "offsets", OFFSET * np.asarray(variables["offsets"]), "spread", np.asarray(variables["spread"]), flush=True
-        )
         rows = np.arange(trust.size) if self.share == 1 else _trusted(trust)[:: round(1 / self.share)]
         aligned, kept = joined.copy(), np.zeros(trust.size, np.float32)
         spread = np.repeat(np.asarray(variables["spread"]), 2)
