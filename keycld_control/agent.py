@@ -35,18 +35,6 @@ GRACE, FADING = 0.2, 0.1
 """Seconds without a trusted image that the estimate runs on the model, and in which the action then fades to zero."""
 
 
-class Gains(NamedTuple):
-    """Of the control law.
-
-    Attributes:
-        kp: stiffness, 1/s^2.
-        kd: damping, 1/s.
-    """
-
-    kp: float
-    kd: float
-
-
 class Belief(NamedTuple):
     """What the agent knows after an image.
 
@@ -153,9 +141,8 @@ class EnergyShapingAgent:
         late = kd * plant.timestep * float(self._actuation.lead.mean())
         most = BRAKING if self.pumps else ROBUST
         slower = min(1.0, most / late) if late else 1.0
-        gains = Gains(kp * slower**2, kd * slower)
         self._first, self._next = _compile(
-            plant, model.keypoints_fn, known, target, gains, law, pump, self._actuation.lead
+            plant, model.keypoints_fn, known, target, kp * slower**2, kd * slower, law, pump, self._actuation.lead
         )
         self._belief: Belief | None = None
         self._image: NDArray[Any] | None = None
@@ -267,7 +254,8 @@ def _compile(
     see: Callable[[Array], Array],
     known: Plausibility,
     target: Array,
-    gains: Gains,
+    kp: float,
+    kd: float,
     law: Law,
     pump: Pump | None,
     lead: NDArray[np.intp],
@@ -290,7 +278,7 @@ def _compile(
 
     def decide(estimate: Estimate, memory: PumpState, trust: Trust, swinging: Swinging, outlook: Outlook) -> Belief:
         x, v = estimate.x, estimate.v
-        action, memory = ahead(x, v, memory, *swinging.gains(*gains), outlook)
+        action, memory = ahead(x, v, memory, *swinging.gains(kp, kd), outlook)
         weight = jnp.where(trust.beginning, 0.0, jnp.clip((lost - trust.unseen) / fading, 0.0, 1.0))
         action = jnp.where(weight > 0, weight * action, 0.0)
         return Belief(estimate, action, memory, energy(plant, x, v), trust, swinging)

@@ -126,7 +126,7 @@ def beside(mechanism: Mechanism, pivot: Array, offsets: Array, x: Array) -> Arra
         `[n]`.
     """
     points, holders = x.reshape(-1, 2), {rod.end: rod for rod in reversed(mechanism.rods)}
-    for k in sorted(range(mechanism.num_keypoints), key=lambda k: -len(carried(mechanism, k))):
+    for k in outwards(mechanism):
         if all(rod.start != k for rod in mechanism.rods):
             continue
         offset = offsets[k]
@@ -137,6 +137,11 @@ def beside(mechanism: Mechanism, pivot: Array, offsets: Array, x: Array) -> Arra
         moved = jnp.asarray([float(i in carried(mechanism, k)) for i in range(mechanism.num_keypoints)])
         points = points + moved[:, None] * offset
     return points.reshape(x.shape)
+
+
+def outwards(mechanism: Mechanism) -> list[int]:
+    """All keypoints, those that carry others before these."""
+    return sorted(range(mechanism.num_keypoints), key=lambda k: -len(carried(mechanism, k)))
 
 
 def carried(mechanism: Mechanism, keypoint: int) -> set[int]:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_envs.mechanism import Mechanism
-from keycld_model.places import carried
+from keycld_model.places import outwards
 
 BESIDE = 1 / 3
 """Share of the rods that point where another one does: parts that hide each other, or lie in line, are hardest to see,
@@ -38,7 +38,9 @@ def composed(
     seen = positions.reshape(count, -1, 2)
     out, directions = seen.copy(), np.empty((0, count, 2), np.float32)
     holders = {rod.end: rod for rod in mechanism.rods}
-    for k in sorted(holders, key=lambda k: -len(carried(mechanism, k))):
+    for k in outwards(mechanism):
+        if k not in holders:
+            continue
         start = holders[k].start
         reach = (seen[:, k] - (pivot if start is None else seen[:, start]))[rng.permutation(count)]
         length = np.linalg.norm(reach, axis=1, keepdims=True) + 1e-9

@@ -7,12 +7,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracle import make_oracle, point_masses
+from oracle import OracleEnv, image_of, make_oracle, point_masses
 
+from keycld_control.agent import EnergyShapingAgent
+from keycld_control.closed_loop import Loop, run_episode
 from keycld_control.law import turning_action
 from keycld_control.limit_cycle import CALMER, MOST, MUCH, NEAR, NOISIER, SLOW, TIMES, Swinging, no_swinging, watched
 from keycld_control.observer import Estimate, corrected, first_estimate, predicted
 from keycld_control.plant import Plant, advanced
+from keycld_envs.effects import ActuatorDelay
 
 STEP, THIN = 0.08, 0.08
 """Radians by which an angle is read too large, and up to which it is about; as of a thin pole that stands upright."""
@@ -103,3 +106,12 @@ def test_images_count_less_and_motion_is_damped_more():
     assert twice.noise(replace(plant, keypoint_noise=2 * MOST)) == pytest.approx(2 * MOST)
     np.testing.assert_allclose(none.gains(40.0, 10.0), (40.0, 10.0))
     np.testing.assert_allclose(twice.gains(40.0, 10.0), (40.0 / CALMER**2, 10.0 * CALMER**2), rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_an_agent_calms_a_mechanism_whose_motors_are_later_than_it_knows():
+    env = OracleEnv("acrobot", effects=[ActuatorDelay("shoulder", 0.05), ActuatorDelay("elbow", 0.05)])
+    target = image_of(point_masses("acrobot", env.system.target_qpos))
+    agent = EnergyShapingAgent(make_oracle("acrobot"), target, action_space=env.action_space)
+    assert run_episode(Loop(env, "test", 600, agent), 20_000).success
+    assert agent._known.swinging.times > 0

@@ -95,44 +95,43 @@ def test_shadows_and_reflections_are_no_parts(filmed):
     assert REACHES[0] <= _reach(parts, variables, frames.astype(np.float32), true) < 0.1
 
 
-@pytest.mark.slow
-def test_aligned_keypoints_lie_in_joints(filmed):
-    frames, true = filmed
+BESIDE = 0.02
+"""Image units by which keypoints are beside their joints."""
+
+
+def aligned_from_beside(frames, true):
+    """Keypoints that began beside the joint, along the first rod, and variables before and after they were aligned."""
     parts = Parts(ModelConfig(DOUBLE, 0.01, networks=NetworkConfig(rigid_parts=True)))
     data = TrainingData(frames, np.zeros((1, FRAMES - 1, 2), np.float32), 0.01)
     upper, lower = true.reshape(1, FRAMES, 2, 2)[..., 0, :], true.reshape(1, FRAMES, 2, 2)[..., 1, :]
-    along = 0.02 * upper / np.linalg.norm(upper, axis=-1, keepdims=True)  # both rods keep their lengths
+    along = BESIDE * upper / np.linalg.norm(upper, axis=-1, keepdims=True)  # both rods keep their lengths
     begun = np.concatenate([upper + along, lower + along], axis=-1)
-    first = parts.initial(0)
+    first, there = parts.initial(0), jnp.zeros(2)
     appearance = {**first["appearance"], "background": jnp.asarray(np.median(frames[0], 0) / 255.0)}
-    there = jnp.zeros(2)
     variables = {**first, "appearance": appearance, "rod_scale": there, "lean": there}
     variables |= {"aligned": jnp.asarray(begun), "trust": jnp.ones((1, FRAMES)), "spread": jnp.full(2, 0.002)}
-    learned = trained(Align(steps=400, batch=16, learning_rate=5e-3), parts, variables, data)
+    return begun, variables, trained(Align(steps=400, batch=16, learning_rate=5e-3), parts, variables, data)
+
+
+@pytest.mark.slow
+def test_aligned_keypoints_lie_in_joints(filmed):
+    frames, true = filmed
+    begun, variables, learned = aligned_from_beside(frames, true)
     found = np.asarray(learned["aligned"])
     before, after = (np.linalg.norm((x - true)[..., :2], axis=-1).mean() for x in (begun, found))
-    assert before == pytest.approx(0.02, rel=1e-3)
+    assert before == pytest.approx(BESIDE, rel=1e-3)
     assert after < 0.5 * before
-    np.testing.assert_array_equal(learned["appearance"]["background"], appearance["background"])
+    np.testing.assert_array_equal(learned["appearance"]["background"], variables["appearance"]["background"])
 
 
 @pytest.mark.slow
 def test_joints_are_learned_with_the_pictures(filmed, monkeypatch):
     frames, true = filmed
-    parts = Parts(ModelConfig(DOUBLE, 0.01, networks=NetworkConfig(rigid_parts=True)))
-    data = TrainingData(frames, np.zeros((1, FRAMES - 1, 2), np.float32), 0.01)
-    upper, lower = true.reshape(1, FRAMES, 2, 2)[..., 0, :], true.reshape(1, FRAMES, 2, 2)[..., 1, :]
-    along = 0.02 * upper / np.linalg.norm(upper, axis=-1, keepdims=True)  # both rods keep their lengths
-    begun = np.concatenate([upper + along, lower + along], axis=-1)
     monkeypatch.setattr(
         "keycld_model.training.align.align", lambda parts, variables, frames, positions, spread: positions
     )
-    first, there = parts.initial(0), jnp.zeros(2)
-    appearance = {**first["appearance"], "background": jnp.asarray(np.median(frames[0], 0) / 255.0)}
-    variables = {**first, "appearance": appearance, "rod_scale": there, "lean": there}
-    variables |= {"aligned": jnp.asarray(begun), "trust": jnp.ones((1, FRAMES)), "spread": jnp.full(2, 0.002)}
-    learned = trained(Align(steps=400, batch=16, learning_rate=5e-3), parts, variables, data)
-    assert np.linalg.norm(np.asarray(learned["aligned"]) - true, axis=-1).mean() < 0.2 * 0.02
+    _, _, learned = aligned_from_beside(frames, true)
+    assert np.linalg.norm(np.asarray(learned["aligned"]) - true, axis=-1).mean() < 0.2 * BESIDE
 
 
 def test_a_share_of_the_frames_is_aligned_and_teaches(filmed):

@@ -274,6 +274,8 @@ def test_settings_that_cannot_be_used(tmp_path):
         "a stage Align.*rigid_parts to True",
         preset=replace(SHORT, stages=(Align(steps=1, batch=1, learning_rate=1e-3),)),
     )
+    drawn = Distil(steps=1, batch=1, learning_rate=1e-3, composed=2)
+    refused("composed frames, but no stage Align.*composed to 0", preset=replace(SHORT, stages=(drawn,)))
     (tmp_path / "file").write_text("")
     refused("file", out=tmp_path / "file")
     (tmp_path / "mine").mkdir()
