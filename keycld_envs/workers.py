@@ -152,11 +152,11 @@ def end_processes(processes: Sequence[multiprocessing.process.BaseProcess]) -> N
 def _start_worker() -> None:
     """Leave Ctrl-C to the parent, clean up when it ends this process, and end when it is killed.
 
-    MuJoCo's own warnings are left out, and its log file: a simulation that diverges is an error of ours.
+    MuJoCo's own warnings are left out, and its log file: a simulation that diverges is an error of ours. Cleaning up
+    comes last: what is raised in here is printed by the pool, and there is nothing to clean up yet.
     """
     mujoco.set_mju_user_warning(lambda _: None)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _clean_up)
 
     def follow_parent() -> None:
         parent = multiprocessing.parent_process()
@@ -165,6 +165,7 @@ def _start_worker() -> None:
         os._exit(1)
 
     threading.Thread(target=follow_parent, daemon=True).start()
+    signal.signal(signal.SIGTERM, _clean_up)
 
 
 def _clean_up(number: int, frame: FrameType | None) -> None:
