@@ -33,11 +33,14 @@ class Coordinates:
         config: of the model.
         slide: where masses are is fitted.
         at_masses: forces act on the masses.
+        fine: steps in which a rod turns far are divided, as for predictions; from wrong masses, which make rods
+            turn as they like, it takes long and finds less.
     """
 
     config: ModelConfig
     slide: bool
     at_masses: bool
+    fine: bool = False
 
     @cached_property
     def parts(self) -> Parts:
@@ -121,7 +124,7 @@ class Coordinates:
         model = self.parts.lagrangian(variables)
         basis, dof = model.tangent_space(x), self.config.mechanism.degrees_of_freedom
         state = model.project(x + basis @ z[:dof], v + basis @ z[dof:])
-        positions, _ = model.rollout(*state, actions, self.config.timestep)
+        positions, _ = model.rollout(*state, actions, self.config.timestep, self.fine)
         return to_keypoints(self.config.mechanism, variables, positions) - keypoints, state
 
     def linearise(

@@ -6,7 +6,9 @@ McCaffrey, Bias Reduction in Standard Errors for Linear Regression with Multi-St
 determines is the same in all recordings, so that no number of them averages it out: a random function of the rods'
 angles, whose size is told by what of it the motion leaves in the deviations (expectation
 maximisation for variance components: Dempster, Laird and Rubin 1977). What is told of it is made up for. Part of it
-looks like other masses and forces; that part is as large as the part that does not.
+looks like other masses and forces; that part is as large as the part that does not. What is seen of a part is nearer
+to the camera than its joints are, and so looks larger: all that a rod carries seems to be farther out, which nothing in
+the motion tells, and what slides seems to be faster. How much is known from models that were trained.
 """
 
 from dataclasses import replace
@@ -26,8 +28,8 @@ from keycld_envs.errors import InputError
 from keycld_envs.mechanism import Mechanism
 from keycld_envs.recordings import Dataset
 from keycld_envs.registration import same_system
-from keycld_model.aligned_keypoints import align
 from keycld_model.modules import Parts
+from keycld_model.places import carried
 from keycld_model.training.coordinates import Coordinates
 from keycld_model.training.data import TrainingData, check_fits
 from keycld_model.training.fit import fit_states
@@ -38,7 +40,10 @@ from keycld_model.world_model import WorldModel
 
 ORDER, FUNCTIONS = 3, 64
 """Highest harmonic of the rods' angles, fewer if there are more functions of a pose than that."""
-CONSTANT, HARMONIC = 0, 1
+CONSTANT, HARMONIC, NEARER = 0, 1, 2
+NEARER_LINK, NEARER_CART = 0.004, 0.015
+"""Standard deviations of how much larger parts look than at their joints' distance from the camera, as a share: of rods
+between two joints, and of ways along a rail, since carts are thicker."""
 ITERATIONS = 20
 """Gauss-Newton steps, at most."""
 FEWEST = 3
@@ -72,10 +77,11 @@ def measure_uncertainty(
     variables = {**variables, "rod_scale": there, "lean": there}
     if "trajectories" not in variables:
         variables["trajectories"] = _trajectories(parts, variables, keypoints, actions)
+    roughly, finely = (
+        Problem(parts, variables, keypoints, actions, slide=True, at_masses=True, fine=fine) for fine in (False, True)
+    )
     try:
-        return _measured(
-            Problem(parts, variables, keypoints, actions, slide=True, at_masses=True), variables, keypoints
-        )
+        return _measured(roughly, finely, variables, keypoints)
     except np.linalg.LinAlgError:  # what was recorded tells so little that the equations are singular
         return None
 
@@ -100,10 +106,7 @@ def with_uncertainty(model: WorldModel, dataset: Dataset) -> WorldModel:
         dataset = dataset.split(meta["validation"])[0]
     data = TrainingData.from_dataset(dataset, meta.get("length", 50))
     check_fits(data, model.config, dataset)
-    keypoints = model.keypoints(data.flat_frames).reshape(len(data.flat_frames), -1)
-    if model.config.networks.rigid_parts:
-        keypoints = align(model.parts, model.parameters, data.flat_frames, keypoints)
-    keypoints = keypoints.reshape(data.num_sequences, data.length, -1)
+    keypoints = model.keypoints(data.flat_frames).reshape(data.num_sequences, data.length, -1)
     found = measure_uncertainty(model.parts, dict(model.parameters), keypoints, data.actions)
     if found is None:
         raise InputError(
@@ -113,8 +116,10 @@ def with_uncertainty(model: WorldModel, dataset: Dataset) -> WorldModel:
     return replace(model, uncertainty=found)
 
 
-def _measured(problem: Problem, variables: Variables, keypoints: NDArray[np.float32]) -> Uncertainty | None:
-    """What `measure_uncertainty` returns.
+def _measured(
+    roughly: Problem, problem: Problem, variables: Variables, keypoints: NDArray[np.float32]
+) -> Uncertainty | None:
+    """What `measure_uncertainty` returns; a fit with few steps of integration comes first.
 
     Raises:
         LinAlgError: if the equations are singular.
@@ -125,9 +130,10 @@ def _measured(problem: Problem, variables: Variables, keypoints: NDArray[np.floa
     at_joints, nearly = problem.with_motors_at_joints(fit)
     if nearly:
         fit, free = at_joints, problem.directions_at_joints(np.zeros_like(absent))
-    fit, _ = minimise(problem, fit, ITERATIONS, lambda _: lean / LEAN**2, free)
+    for each in (roughly, problem):
+        fit, _ = minimise(each, fit, ITERATIONS, lambda _: lean / LEAN**2, free)
     pivot = np.asarray(variables["dynamics"]["pivot"])
-    sums = _sums(problem, fit, *_functions(problem.mechanism, pivot, keypoints), free)
+    sums = _sums(problem, fit, _functions(problem.mechanism, pivot, keypoints), free)
     return None if sums is None else _uncertainty(problem, fit, sums)
 
 
@@ -180,6 +186,7 @@ class _Sums(NamedTuple):
     Attributes:
         free: `[P, p]` directions in which the shared parameters move.
         kind: `[f]` of each function of the pose, constant or harmonic.
+        nearer: `[f, j]` their amplitudes for a standard deviation of how much larger each part looks.
         hessian: `[p, p]` of the shared parameters, along these directions.
         hessians: `[N, p, p]` of every sequence.
         gradients: `[N, p]` of every sequence.
@@ -193,6 +200,7 @@ class _Sums(NamedTuple):
 
     free: Vector
     kind: NDArray[np.intp]
+    nearer: Vector
     hessian: Vector
     hessians: Vector
     gradients: Vector
@@ -204,9 +212,10 @@ class _Sums(NamedTuple):
     correlation: float
 
 
-def _sums(problem: Problem, fit: Fit, features: Vector, kind: NDArray[np.intp], free: Vector) -> _Sums | None:
+def _sums(problem: Problem, fit: Fit, functions: "_Functions", free: Vector) -> _Sums | None:
     """Sequences that diverged are left out; None if fewer than `FEWEST` are left."""
     errors, jacobians, weights, costs = problem.linearised(fit)
+    features = functions.features
     n, t, p = 2 * problem.mechanism.num_keypoints, features.shape[1], free.shape[1]
     good = np.isfinite(costs) & np.asarray(jnp.isfinite(jacobians).all((1, 2)) & jnp.isfinite(errors).all(1))
     if good.sum() < FEWEST:
@@ -233,7 +242,8 @@ def _sums(problem: Problem, fit: Fit, features: Vector, kind: NDArray[np.intp], 
     total = np.asarray(total)
     return _Sums(
         free,
-        kind,
+        functions.kind,
+        functions.nearer,
         total[:p, :p],
         np.array(hessians),
         gradients[:, :p],
@@ -263,18 +273,36 @@ def _amplitudes(sums: _Sums, inverse: Vector) -> tuple[Vector, Vector]:
     answers, share = answers @ told, share[share > TOLD]
     noise = (answers**2 / share).sum() / max(len(share), 1)
     seen, sought = (whole @ told * share) @ told.T @ whole, whole @ told @ answers.sum(0)
-    size = np.full(len(sums.kind), sums.noise)
-    likely, left = np.zeros(len(sums.kind)), np.diag(size)
+    each = np.hstack([np.eye(len(sums.kind)), sums.nearer])
+    kind = np.concatenate([sums.kind, np.full(sums.nearer.shape[1], NEARER)])
+    seen, sought = each.T @ seen @ each, each.T @ sought
+    size = np.where(kind == NEARER, 1, sums.noise)
+    likely, left = np.zeros(len(kind)), np.diag(size)
     for _ in range(ROUNDS):
         left = np.linalg.inv(np.diag(1 / size) + seen / noise)
         likely = left @ sought / noise
         squared = likely**2 + np.diag(left)
-        size = np.maximum(np.array([squared[sums.kind == k].mean() for k in sums.kind]), 1e-12)
-    return likely, left
+        means = np.array([squared[kind == k].mean() for k in kind])
+        size = np.where(kind == NEARER, 1, np.maximum(means, 1e-12))
+    return each @ likely, each @ left @ each.T
 
 
-def _functions(mechanism: Mechanism, pivot: Vector, keypoints: NDArray[np.float32]) -> tuple[Vector, NDArray[np.intp]]:
-    """Harmonics of the rods' angles `[N, T, h]`, and the kind of each for each coordinate, `[h*n]`."""
+class _Functions(NamedTuple):
+    """What errors may go with.
+
+    Attributes:
+        features: `[N, T, h]` harmonics of the rods' angles, and ways along rails.
+        kind: `[f]` of each for each coordinate, f = h n.
+        nearer: `[f, j]` their amplitudes for a standard deviation of how much larger each part looks.
+    """
+
+    features: Vector
+    kind: NDArray[np.intp]
+    nearer: Vector
+
+
+def _functions(mechanism: Mechanism, pivot: Vector, keypoints: NDArray[np.float32]) -> _Functions:
+    """Harmonics of the rods' angles, ways along rails, and which of them parts that look larger are."""
     points = keypoints.reshape(*keypoints.shape[:2], -1, 2).astype(np.float64)
     rods = [points[:, :, r.end] - (pivot if r.start is None else points[:, :, r.start]) for r in mechanism.rods]
     angles = np.stack([np.arctan2(r[..., 0], r[..., 1]) for r in rods], -1) if rods else points[:, :, :0, 0]
@@ -283,9 +311,26 @@ def _functions(mechanism: Mechanism, pivot: Vector, keypoints: NDArray[np.float3
         largest -= 1
     multiples = _multiples(len(rods), largest)
     turned = angles @ np.array(multiples, float).reshape(len(multiples), len(rods)).T
-    features = np.concatenate([np.ones((*turned.shape[:2], 1)), np.cos(turned), np.sin(turned)], -1)
-    kind = np.repeat([CONSTANT, HARMONIC], [1, 2 * len(multiples)])
-    return features, np.repeat(kind, keypoints.shape[-1])
+    ways = [(points[:, :, slider.keypoint] - pivot) @ slider.along for slider in mechanism.sliders]
+    features = np.stack([np.ones(turned.shape[:2]), *ways], -1)
+    features = np.concatenate([features, np.sin(turned), np.cos(turned)], -1)
+    kind = np.repeat([CONSTANT, HARMONIC], [1, features.shape[-1] - 1])
+    nearer = []
+    for way, slider in enumerate(mechanism.sliders):
+        shift = np.zeros((features.shape[-1], *points.shape[2:]))
+        shift[1 + way, list(carried(mechanism, slider.keypoint))] = NEARER_CART * np.asarray(slider.along)
+        nearer.append(shift.ravel())
+    for r, rod in enumerate(mechanism.rods):
+        if all(other.start != rod.end for other in mechanism.rods):
+            continue
+        shift = np.zeros((features.shape[-1], *points.shape[2:]))
+        sine = 1 + len(ways) + multiples.index(tuple(int(i == r) for i in range(len(rods))))
+        out = NEARER_LINK * np.median(np.linalg.norm(rods[r], axis=-1))
+        for k in carried(mechanism, rod.end):
+            shift[sine, k, 0] = shift[sine + len(multiples), k, 1] = out
+        nearer.append(shift.ravel())
+    kind = np.repeat(kind, keypoints.shape[-1])
+    return _Functions(features, kind, np.array(nearer).reshape(-1, len(kind)).T)
 
 
 def _multiples(rods: int, largest: int) -> list[tuple[int, ...]]:

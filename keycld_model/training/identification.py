@@ -230,9 +230,10 @@ class Problem:
         actions: NDArray[np.float32],
         slide: bool,
         at_masses: bool,
+        fine: bool = False,
     ) -> None:
         self.mechanism, self.sequences = parts.config.mechanism, len(keypoints)
-        self.coordinates = Coordinates(parts.config, slide, at_masses)
+        self.coordinates = Coordinates(parts.config, slide, at_masses, fine)
         self.first = {name: variables[name] for name in ("dynamics", "rod_scale", "lean")}
         parameters, self._unravel = ravel_pytree(self.coordinates.parameters(self.first))
         self.start = np.asarray(parameters, np.float64)

@@ -10,7 +10,7 @@ from safetensors.numpy import load_file
 from swinging import CONFIG, random_parameters
 
 from keycld_control.benchmarks.intervals.coverage import compare
-from keycld_control.benchmarks.intervals.keypoints import Errors, near_truth, rod_angles, simulate
+from keycld_control.benchmarks.intervals.keypoints import Errors, near_truth, simulate
 from keycld_control.benchmarks.intervals.mechanisms import KINDS, drawn_mechanism
 from keycld_control.benchmarks.intervals.truth import truth_of
 from keycld_control.cli import main
@@ -135,11 +135,11 @@ def recorded(folder, system):
 def test_recordings_that_leave_the_equations_singular(tmp_path, monkeypatch):
     """Nothing differs from what is predicted, whatever the numbers of the model are."""
 
-    def nothing(problem, fit, features, kind, free):
-        p, f = free.shape[1], len(kind)
+    def nothing(problem, fit, functions, free):
+        p, f = free.shape[1], len(functions.kind)
         zero = np.zeros
         empty = zero((3, p, p)), zero((3, p)), zero((3, p, f)), zero((f, f)), zero((3, f))
-        return covariance._Sums(free, kind, zero((p, p)), *empty, 0.0, 0.0, 0.0)
+        return covariance._Sums(free, functions.kind, functions.nearer, zero((p, p)), *empty, 0.0, 0.0, 0.0)
 
     monkeypatch.setattr(covariance, "_trajectories", lambda *_: {"x": np.zeros((3, 2)), "v": np.zeros((3, 2))})
     monkeypatch.setattr(covariance, "minimise", lambda problem, fit, *_: (fit, 0.0))
@@ -147,6 +147,21 @@ def test_recordings_that_leave_the_equations_singular(tmp_path, monkeypatch):
     model = WorldModel(CONFIG, jax.tree.map(jnp.asarray, random_parameters(CONFIG)))
     with pytest.raises(InputError, match=r"too little moves in them; use .* recordings in motion"):
         covariance.with_uncertainty(model, recorded(tmp_path / "data", None))
+
+
+@pytest.mark.parametrize("kind", ["double_pendulum", "cartpole"])
+def test_parts_that_look_larger_move_all_that_they_carry(kind):
+    truth = truth_of(drawn_mechanism(kind, 0))
+    mechanism = truth.system.mechanism
+    x = truth.positions(np.random.default_rng(0).uniform(-2, 2, (3, 5, truth.model.nq)))
+    functions = covariance._functions(mechanism, np.asarray(mechanism.pivot), x.reshape(3, 5, -1).astype(np.float32))
+    amplitudes = functions.nearer.reshape(functions.features.shape[-1], 4, 1)
+    shift = np.einsum("nth,hcj->ntcj", functions.features, amplitudes)[..., 0].reshape(3, 5, 2, 2)
+    share = 0.004 if kind == "double_pendulum" else 0.015  # of the first rod, or of the way along the rail
+    np.testing.assert_allclose(
+        shift[:, :, 0], share * (x[:, :, 0] - mechanism.pivot) * [1, kind != "cartpole"], atol=1e-5
+    )
+    np.testing.assert_allclose(shift[:, :, 1], shift[:, :, 0], atol=1e-5)
 
 
 def test_intervals_of_another_system_or_in_a_folder_that_is_there(tmp_path, capsys):
@@ -185,7 +200,7 @@ def test_intervals_of_a_pendulum_hold_what_is_true_and_grow_with_the_errors():
         motion = simulate(truth, 20, 30, rng)
         x = truth.positions(motion.qpos)
         flat = x.reshape(20, 30, 2)
-        keypoints = (flat + errors.draw(rod_angles(truth, x), 2, np.random.default_rng(1))).astype(np.float32)
+        keypoints = (flat + errors.draw(truth, x, np.random.default_rng(1))).astype(np.float32)
         parts, variables = near_truth(truth, rng)
         uncertainty = measure_uncertainty(parts, variables, keypoints, motion.actions.astype(np.float32))
         parameters = {**Parts(parts.config).initial(0), **variables}
@@ -200,3 +215,26 @@ def test_intervals_of_a_pendulum_hold_what_is_true_and_grow_with_the_errors():
     widths = [np.mean(half(c.intervals["V"])) for c in (little, much, by_pose)]
     assert 2 * widths[0] < widths[1] < 5 * widths[0]
     assert widths[2] > 1.5 * widths[0]
+
+
+@pytest.mark.long
+def test_fast_turns_leave_forces_as_they_are():
+    """Steps of .02 s, one per frame, brake a rod of 30 rad/s: its motor would look weaker by more than its interval."""
+    truth = truth_of(drawn_mechanism("pendulum", 1))
+    truth = replace(truth, torques=6 * truth.torques)
+    truth.model.actuator_gear[:, 0] *= 6
+    rng = np.random.default_rng(0)
+    motion = simulate(truth, 20, 50, rng)
+    assert np.abs(np.diff(motion.qpos, axis=1)).max() > 30 * 0.02
+    x = truth.positions(motion.qpos)
+    errors = Errors(noise=0.0005, offset=0, harmonic=0).draw(truth, x, np.random.default_rng(1))
+    keypoints = (x.reshape(errors.shape) + errors).astype(np.float32)
+    parts, variables = near_truth(truth, rng, off=0.003)
+    start = x[:, 0, 0].astype(np.float32)
+    variables["trajectories"] = {"x": jnp.asarray(start), "v": jnp.zeros_like(start)}
+    uncertainty = measure_uncertainty(parts, variables, keypoints, motion.actions.astype(np.float32))
+    parameters = {**Parts(parts.config).initial(0), **variables}
+    compared = compare(WorldModel(parts.config, parameters, uncertainty=uncertainty), truth, 0)
+    for name, true in compared.truth.items():
+        off = np.abs(compared.intervals[name].mean(axis=1) - true)
+        assert (off < 4 / 1.645 * half(compared.intervals[name])).all()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from keycld_control.benchmarks.figure import Figure
-from keycld_control.benchmarks.intervals.keypoints import Errors, near_truth, rod_angles, simulate
+from keycld_control.benchmarks.intervals.keypoints import Errors, near_truth, simulate
 from keycld_control.benchmarks.intervals.mechanisms import KINDS, Kind, drawn_mechanism
 from keycld_control.benchmarks.intervals.truth import Truth, truth_of
 from keycld_control.benchmarks.weights import Weights
@@ -98,7 +98,7 @@ def compare_drawn(kind: Kind, seed: int) -> Compared:
     motion = simulate(truth, RECORDINGS, FRAMES, rng)
     x = truth.positions(motion.qpos)
     exact = x.reshape(RECORDINGS, FRAMES, -1)
-    keypoints = (exact + Errors().draw(rod_angles(truth, x), exact.shape[-1], rng)).astype(np.float32)
+    keypoints = (exact + Errors().draw(truth, x, rng)).astype(np.float32)
     parts, variables = near_truth(truth, rng)
     start = exact[:, 0].astype(np.float32)
     variables["trajectories"] = {"x": jnp.asarray(start), "v": jnp.zeros_like(start)}

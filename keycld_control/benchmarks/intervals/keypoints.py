@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keycld_control.benchmarks.intervals.truth import Truth
+from keycld_envs import Mechanism
 from keycld_model.config import ModelConfig
 from keycld_model.modules import Parts
+from keycld_model.places import carried
 from keycld_model.training.stage import Variables
 
 Array = NDArray[np.floating]
@@ -28,6 +30,8 @@ class Errors:
         offset: of a constant error of each coordinate.
         harmonic: of the amplitude of each harmonic of the rods' angles.
         order: highest harmonic.
+        link: of how much longer a rod between two joints looks, as a share; what is seen is nearer than the joints.
+        cart: of how much longer ways along a rail look.
     """
 
     noise: float = 0.002
@@ -36,9 +40,12 @@ class Errors:
     offset: float = 0.0015
     harmonic: float = 0.0003
     order: int = 3
+    link: float = 0.004
+    cart: float = 0.015
 
-    def draw(self, angles: Array, coordinates: int, rng: np.random.Generator) -> Array:
-        """`[N, T, n]` for rods' angles `[N, T, R]`, rad."""
+    def draw(self, truth: Truth, x: Array, rng: np.random.Generator) -> Array:
+        """`[N, T, n]` for point masses at `[N, T, K, 2]`."""
+        angles, coordinates = rod_angles(truth, x), 2 * x.shape[2]
         count, length, rods = angles.shape
         pose = rng.normal(scale=self.offset, size=coordinates) * np.ones((count, length, 1))
         orders = range(-self.order, self.order + 1)
@@ -52,7 +59,22 @@ class Errors:
             fresh = np.sqrt(1 - self.memory**2) * lasting[:, t]
             lasting[:, t] = self.memory * lasting[:, t - 1] + fresh
         share = self.correlation
-        return pose + self.noise * (np.sqrt(1 - share) * white + np.sqrt(share) * lasting)
+        noise = self.noise * (np.sqrt(1 - share) * white + np.sqrt(share) * lasting)
+        return pose + noise + self._larger(truth.system.mechanism, x, rng).reshape(pose.shape)
+
+    def _larger(self, mechanism: Mechanism, x: Array, rng: np.random.Generator) -> Array:
+        """`[N, T, K, 2]` of parts that look larger, with all that they carry."""
+        out = np.zeros_like(x)
+        for slider in mechanism.sliders:
+            way = (x[:, :, slider.keypoint] - mechanism.pivot) @ slider.along
+            far = self.cart * rng.normal() * way[..., None] * slider.along
+            out[:, :, list(carried(mechanism, slider.keypoint))] += far[:, :, None]
+        for rod in mechanism.rods:
+            if all(other.start != rod.end for other in mechanism.rods):
+                continue
+            reach = x[:, :, rod.end] - (mechanism.pivot if rod.start is None else x[:, :, rod.start])
+            out[:, :, list(carried(mechanism, rod.end))] += (self.link * rng.normal() * reach)[:, :, None]
+        return out
 
 
 @dataclass(frozen=True)
