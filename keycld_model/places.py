@@ -127,7 +127,7 @@ def beside(mechanism: Mechanism, pivot: Array, offsets: Array, x: Array) -> Arra
     """
     points, holders = x.reshape(-1, 2), {rod.end: rod for rod in reversed(mechanism.rods)}
     for k in outwards(mechanism):
-        if all(rod.start != k for rod in mechanism.rods):
+        if not is_joint(mechanism, k):
             continue
         offset = offsets[k]
         if (rod := holders.get(k)) is not None:
@@ -137,6 +137,11 @@ def beside(mechanism: Mechanism, pivot: Array, offsets: Array, x: Array) -> Arra
         moved = jnp.asarray([float(i in carried(mechanism, k)) for i in range(mechanism.num_keypoints)])
         points = points + moved[:, None] * offset
     return points.reshape(x.shape)
+
+
+def is_joint(mechanism: Mechanism, keypoint: int) -> bool:
+    """Whether a rod starts at a keypoint."""
+    return any(rod.start == keypoint for rod in mechanism.rods)
 
 
 def outwards(mechanism: Mechanism) -> list[int]:

@@ -29,7 +29,7 @@ from keycld_envs.mechanism import Mechanism
 from keycld_envs.recordings import Dataset
 from keycld_envs.registration import same_system
 from keycld_model.modules import Parts
-from keycld_model.places import carried
+from keycld_model.places import carried, is_joint
 from keycld_model.training.coordinates import Coordinates
 from keycld_model.training.data import TrainingData, check_fits
 from keycld_model.training.fit import fit_states
@@ -321,7 +321,7 @@ def _functions(mechanism: Mechanism, pivot: Vector, keypoints: NDArray[np.float3
         shift[1 + way, list(carried(mechanism, slider.keypoint))] = NEARER_CART * np.asarray(slider.along)
         nearer.append(shift.ravel())
     for r, rod in enumerate(mechanism.rods):
-        if all(other.start != rod.end for other in mechanism.rods):
+        if not is_joint(mechanism, rod.end):
             continue
         shift = np.zeros((features.shape[-1], *points.shape[2:]))
         sine = 1 + len(ways) + multiples.index(tuple(int(i == r) for i in range(len(rods))))

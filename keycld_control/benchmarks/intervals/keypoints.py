@@ -13,7 +13,7 @@ from keycld_control.benchmarks.intervals.truth import Truth
 from keycld_envs import Mechanism
 from keycld_model.config import ModelConfig
 from keycld_model.modules import Parts
-from keycld_model.places import carried
+from keycld_model.places import carried, is_joint
 from keycld_model.training.stage import Variables
 
 Array = NDArray[np.floating]
@@ -70,7 +70,7 @@ class Errors:
             far = self.cart * rng.normal() * way[..., None] * slider.along
             out[:, :, list(carried(mechanism, slider.keypoint))] += far[:, :, None]
         for rod in mechanism.rods:
-            if all(other.start != rod.end for other in mechanism.rods):
+            if not is_joint(mechanism, rod.end):
                 continue
             reach = x[:, :, rod.end] - (mechanism.pivot if rod.start is None else x[:, :, rod.start])
             out[:, :, list(carried(mechanism, rod.end))] += (self.link * rng.normal() * reach)[:, :, None]
